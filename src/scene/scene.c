@@ -677,7 +677,7 @@ static sgs_status count_unposed(loader *l)
         known[i] = scene->views[i].image_path + prefix;
     qsort(known, scene->view_count, sizeof *known, text_order);
     char examples[256];
-    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, known,
+    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, &l->roots, known,
                                                      scene->view_count, examples, sizeof examples);
     sgsi_free(known);
     if (scene->images_unposed)

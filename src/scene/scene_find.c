@@ -11,9 +11,11 @@
 #include "scene/scene_find.h"
 
 #include <dirent.h>
+#include <search.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/stat.h>
 
 #include "scene/colmap.h"
 #include "base/core.h"
@@ -277,10 +279,19 @@ enum { MAX_DEPTH = 8, EXAMPLES = 3 };
 
 typedef struct search {
     const char *folder;
+    const sgsi_roots *roots;
     const char *const *known;
     size_t known_count, unknown_count;
     char *examples[EXAMPLES]; // the first ones by name: readdir is unordered
+    void *visited;            // tree of folder_id
+    char **links;             // to folders, searched after all other folders
+    size_t link_count, link_capacity;
 } search;
+
+typedef struct folder_id {
+    dev_t device;
+    ino_t inode;
+} folder_id;
 
 static int name_order(const void *key, const void *element)
 {
@@ -301,17 +312,70 @@ static void add_unknown(search *s, char *name)
     sgsi_free(name);
 }
 
+static int id_order(const void *a, const void *b)
+{
+    const folder_id *x = a, *y = b;
+    return x->device != y->device ? (x->device > y->device) - (x->device < y->device)
+                                  : (x->inode > y->inode) - (x->inode < y->inode);
+}
+
+static int link_order(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+static bool first_visit(search *s, const char *path)
+{
+    struct stat info;
+    folder_id *id = stat(path, &info) ? NULL : sgsi_alloc(1, sizeof *id);
+    if (!id)
+        return false;
+    *id = (folder_id){.device = info.st_dev, .inode = info.st_ino};
+    folder_id **node = tsearch(id, &s->visited, id_order);
+    const bool first = node && *node == id;
+    if (!first)
+        sgsi_free(id);
+    return first;
+}
+
+// Takes ownership of `name`.
+static void add_link(search *s, char *name)
+{
+    if (s->link_count == s->link_capacity) {
+        const size_t capacity = s->link_capacity ? 2 * s->link_capacity : 16;
+        if (!sgsi_grow((void **)&s->links, s->link_count, capacity, sizeof *s->links)) {
+            sgsi_free(name);
+            return;
+        }
+        s->link_capacity = capacity;
+    }
+    s->links[s->link_count++] = name;
+}
+
+static bool is_link(const char *path)
+{
+    struct stat info;
+    return !lstat(path, &info) && S_ISLNK(info.st_mode);
+}
+
+// Links between folders can form cycles, and many paths can lead to one folder: each folder is
+// searched once.
 static void search_folder(search *s, const char *below, int depth)
 {
     char *path = sgsi_format("%s/%s", s->folder, below);
-    DIR *folder = path ? opendir(path) : NULL;
+    DIR *folder = path && first_visit(s, path) ? opendir(path) : NULL;
     for (struct dirent *entry; folder && (entry = readdir(folder));) {
         if (entry->d_name[0] == '.')
             continue;
         char *name = sgsi_format("%s%s%s", below, *below ? "/" : "", entry->d_name);
         char *full = name ? sgsi_format("%s/%s", s->folder, name) : NULL;
         if (full && sgsi_is_folder(full) && depth < MAX_DEPTH) {
-            search_folder(s, name, depth + 1);
+            if (is_link(full)) {
+                add_link(s, name);
+                name = NULL;
+            } else {
+                search_folder(s, name, depth + 1);
+            }
         } else if (full && is_image_name(name) && !sgsi_mask_is_name(name) && sgsi_is_file(full) &&
                    !bsearch(name, s->known, s->known_count, sizeof *s->known, name_order)) {
             add_unknown(s, name);
@@ -325,11 +389,34 @@ static void search_folder(search *s, const char *below, int depth)
     sgsi_free(path);
 }
 
-size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count,
-                                char *examples, size_t examples_size)
+// Photographs behind links out of the data set cannot be read.
+static void search_link(search *s, const char *name)
 {
-    search s = {.folder = folder, .known = known, .known_count = count};
+    char *path = sgsi_format("%s/%s", s->folder, name);
+    int depth = 1;
+    for (const char *c = name; *c; ++c)
+        depth += *c == '/';
+    if (path && !sgsi_roots_check(s->roots, path))
+        search_folder(s, name, depth);
+    sgsi_free(path);
+}
+
+size_t sgsi_scene_count_unknown(const char *folder, const sgsi_roots *roots,
+                                const char *const *known, size_t count, char *examples,
+                                size_t examples_size)
+{
+    search s = {.folder = folder, .roots = roots, .known = known, .known_count = count};
     search_folder(&s, "", 0);
+    for (size_t begin = 0, end; begin < s.link_count; begin = end) {
+        end = s.link_count;
+        qsort(s.links + begin, end - begin, sizeof *s.links, link_order);
+        for (size_t i = begin; i < end; ++i)
+            search_link(&s, s.links[i]);
+    }
+    for (size_t i = 0; i < s.link_count; ++i)
+        sgsi_free(s.links[i]);
+    sgsi_free(s.links);
+    tdestroy(s.visited, sgsi_free);
     size_t used = 0;
     examples[0] = 0;
     for (int i = 0; i < EXAMPLES; ++i) {

@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "base/path_sandbox.h"
 #include "sparegs/status.h"
 
 typedef struct sgsi_scene_files {
@@ -30,6 +31,8 @@ void sgsi_scene_files_free(sgsi_scene_files *files);
 char *sgsi_scene_image_path(const char *folder, const char *name);
 
 // Counts the image files below `folder` that are not in `known` (`count` paths relative to folder,
-// sorted by strcmp), ignoring hidden files, and writes the first few names to `examples`.
-size_t sgsi_scene_count_unknown(const char *folder, const char *const *known, size_t count,
-                                char *examples, size_t examples_size);
+// sorted by strcmp), ignoring hidden files and links out of `roots`, and writes the first few names
+// to `examples`. Searches each folder once, under its own path rather than that of a link.
+size_t sgsi_scene_count_unknown(const char *folder, const sgsi_roots *roots,
+                                const char *const *known, size_t count, char *examples,
+                                size_t examples_size);

@@ -62,6 +62,15 @@ with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential
 calls sequential_matcher
 calls feature_extractor
 
+# links_to_folders_are_not_followed
+cp -r "$photos" "$temporary/linked"
+mv "$temporary/linked/0001.jpg" "$temporary"
+ln -s ../0001.jpg "$temporary/linked/0001.jpg"
+for name in a b; do ln -s . "$temporary/linked/$name"; done
+with_standin run 0 reconstruct "$temporary/linked" -o "$temporary/unlinked" --json
+json "$temporary/stdout" '.photographs == 35'
+check one_warning_per_link test "$(grep -c "is a link to a folder, which COLMAP does not follow" "$temporary/stderr")" = 2
+
 # a_failure_reports_colmaps_last_lines_and_is_resumed
 FAIL=1 with_standin run 1 reconstruct "$photos" -o "$temporary/second" --quiet
 one_line

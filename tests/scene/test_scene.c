@@ -274,6 +274,32 @@ static void images_without_a_pose_are_counted(void **state)
     tree_remove(&folder);
 }
 
+// Other paths of a folder by links, also cyclic ones, count nothing twice, and links out of the
+// data set are not followed.
+static void images_behind_links_are_counted_once(void **state)
+{
+    (void)state;
+    const temp_folder folder = scene_make("sparse/0/", true, "images"),
+                      outside = temp_folder_make();
+    tree_put_picture(&folder, "images/z.png", 4, 4, 3, red);
+    tree_put_picture(&folder, "other/w.png", 4, 4, 3, red);
+    tree_put_picture(&outside, "v.png", 4, 4, 3, red);
+    const struct {
+        const char *target, *name;
+    } links[] = {{".", "images/0"},         {".", "images/1"},        {"sub", "images/2"},
+                 {"..", "images/up"},       {"../other", "images/a"}, {"../images", "other/back"},
+                 {outside.path, "images/v"}};
+    for (size_t k = 0; k < sizeof links / sizeof *links; ++k)
+        assert_int_equal(symlink(links[k].target, temp_path(&folder, links[k].name)), 0);
+    sgs_scene *scene = load(folder.path, NULL);
+    assert_int_equal(scene->view_count, MODEL_IMAGES);
+    assert_int_equal(scene->images_unposed, 2);
+    assert_holds(warnings, "without a pose in the model: a/w.png, z.png\n");
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+    tree_remove(&outside);
+}
+
 static void named_pipes_are_refused(void **state)
 {
     (void)state;
@@ -677,6 +703,7 @@ int main(void)
                                warnings_begin),
         cmocka_unit_test_setup(missing_and_broken_images_are_skipped_and_counted, warnings_begin),
         cmocka_unit_test_setup(images_without_a_pose_are_counted, warnings_begin),
+        cmocka_unit_test_setup(images_behind_links_are_counted_once, warnings_begin),
         cmocka_unit_test_setup(named_pipes_are_refused, warnings_begin),
         cmocka_unit_test_setup(other_extension_in_a_downscaled_folder_is_found, warnings_begin),
         cmocka_unit_test_setup(views_are_held_out_by_index_or_by_name, warnings_begin),

@@ -105,7 +105,14 @@ static int by_name(const struct dirent **a, const struct dirent **b)
     return strcmp((*a)->d_name, (*b)->d_name);
 }
 
-// Counts the photographs below `folder` and appends "NAME SIZE MTIME" of each to `made_from`.
+static bool is_link(const char *path)
+{
+    struct stat info;
+    return !lstat(path, &info) && S_ISLNK(info.st_mode);
+}
+
+// Counts the photographs below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
+// COLMAP does, it follows links to photographs and not links to folders, which can form cycles.
 static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
                         json_t *made_from)
 {
@@ -120,7 +127,9 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
         struct stat info;
         if (fine && entries[i]->d_name[0] != '.' && !stat(path, &info)) {
             int width = 0, height = 0;
-            if (S_ISDIR(info.st_mode) && depth < MAX_DEPTH) {
+            if (S_ISDIR(info.st_mode) && is_link(path)) {
+                print_warning("%s: is a link to a folder, which COLMAP does not follow", path);
+            } else if (S_ISDIR(info.st_mode) && depth < MAX_DEPTH) {
                 fine = list_photos(run, path, name, depth + 1, made_from);
             } else if (S_ISREG(info.st_mode) && is_photo(name)) {
                 if (sgs_image8_probe(path, &width, &height))

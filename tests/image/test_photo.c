@@ -377,6 +377,12 @@ static void exr_layers_are_found_by_name(void **state)
     tree_remove(&folder);
 }
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { SANITIZED = 1 }; // freed memory stays in use
+#else
+enum { SANITIZED = 0 };
+#endif
+
 enum { TILE = 64, TILED_WIDTH = 300, TILED_HEIGHT = 270, LAYER_CHANNELS = 300 };
 
 static float tiled_value(int c, int x, int y)
@@ -464,7 +470,7 @@ static void layers_before_the_colours_take_no_memory(void **state)
     if (sgsi_oiio_read_rows(path, NULL, check_tiled_row, &rows))
         fail_msg("%s", sgs_last_error());
     assert_int_equal(rows, TILED_HEIGHT);
-    assert_true(sgs_rss_peak() - before < all / 2);
+    assert_true(SANITIZED || sgs_rss_peak() - before < all / 2);
     tree_remove(&folder);
 }
 

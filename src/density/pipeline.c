@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The table of base pipelines, and what several of them decide alike.
+// The table of base pipelines.
 
 #include "density/pipeline.h"
 
@@ -20,13 +20,4 @@ sgsi_sampling sgsi_pipeline_sampling(const sgs_train_options *train, double exte
     const sgsi_pipeline *pipeline = sgsi_pipeline_get(train->pipeline);
     return pipeline->sampling ? pipeline->sampling(train, extent)
                               : (sgsi_sampling){.start_opacity = 0.1, .start_scale = 1.0};
-}
-
-void sgsi_density_decide_thinning(const sgsi_density_options *options, sgsi_density_columns *c)
-{
-    for (size_t i = 0; i < c->count; ++i) {
-        c->action[i] = SGSI_ACTION_KEEP;
-        c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
-        c->prune_children[i] = c->removed[i];
-    }
 }

@@ -106,11 +106,6 @@ static inline bool sgsi_density_should_prune_after(const sgsi_density_options *o
                                      split ? columns->scale_max[i] / 1.6f : columns->scale_max[i]);
 }
 
-// Decides an update that only removes primitives: no row grows, the rule of 3DGS prunes. Writes
-// action, removed and prune_children.
-void sgsi_density_decide_thinning(const sgsi_density_options *options,
-                                  sgsi_density_columns *columns);
-
 // Removed by the pipeline or by SPARE-GS.
 static inline bool sgsi_density_is_removed(const sgsi_density_columns *columns, size_t i)
 {
@@ -147,6 +142,11 @@ sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, s
 // applies. Reads action; writes removed. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_density_columns *columns,
                                  const double *weight);
+
+// Decides an update that only removes primitives: no row grows, the rule of 3DGS prunes. Writes
+// action, removed and prune_children.
+void sgsi_density_decide_thinning(const sgsi_density_options *options,
+                                  sgsi_density_columns *columns);
 
 // Median of the positive values (the lower of two middle ones), 0 without any. Value i is values[i
 // * stride]; it is used if present[i / 16] (NULL: always).

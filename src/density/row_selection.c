@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Selections of rows that several pipelines share: the best by score, a weighted draw, and the
-// stochastic pruning of Taming 3DGS and FastGS.
+// Selections of rows that several pipelines share: the best by score, a weighted draw, the
+// stochastic pruning of Taming 3DGS and FastGS, and the pruning after densification of 3DGS and
+// Mip-Splatting.
 
 #include <float.h>
 #include <math.h>
@@ -102,4 +103,13 @@ sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_densi
     sgsi_free(stays);
     sgsi_free(chosen);
     return status ? sgsi_fail(status, "no memory to prune %zu primitives", c->count) : status;
+}
+
+void sgsi_density_decide_thinning(const sgsi_density_options *options, sgsi_density_columns *c)
+{
+    for (size_t i = 0; i < c->count; ++i) {
+        c->action[i] = SGSI_ACTION_KEEP;
+        c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
+        c->prune_children[i] = c->removed[i];
+    }
 }

@@ -125,7 +125,7 @@ static void an_unreadable_config_is_named_with_the_reason(void **state)
     unlink(temp_path(&folder, "run/config.json"));
     file_put_unreadable(run, "config.json");
     assert_int_equal(sgs_run_read(run, NULL, &settings), SGS_STATUS_IO);
-    assert_non_null(strstr(sgs_last_error(), "config.json: cannot be read: No such device"));
+    assert_non_null(strstr(sgs_last_error(), "config.json: cannot be opened: No such device"));
 }
 
 int main(void)

@@ -164,7 +164,8 @@ static void a_resumed_run_has_the_same_sizes(void **state)
         trainer_run(trainer, ITERATIONS - HALF - 1);
         sgs_gaussians_hash(sgs_trainer_model(trainer), whole);
         sgs_trainer_destroy(trainer);
-        for (int at = HALF - 1; at <= HALF + 1; ++at) {
+        const int around = options.pipeline == SGS_PIPELINE_FASTGS ? 0 : 1; // its scores take time
+        for (int at = HALF - around; at <= HALF + around; ++at) {
             trainer = create_updating(&options);
             trainer_run(trainer, at);
             assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);

@@ -95,14 +95,14 @@ static sgs_status read_config(const char *folder, sgs_run_settings *settings)
         return sgsi_fail(SGS_STATUS_LIMIT, "%.80s...: path of a run folder is too long", folder);
     if (access(path, F_OK) && errno == ENOENT)
         return SGS_STATUS_OK;
-    FILE *stream;
+    uint8_t *text;
     size_t size;
-    const sgs_status status = sgsi_file_open(path, &stream, &size);
+    const sgs_status status = sgsi_file_read(path, 0, &text, &size);
     if (status)
         return status;
     json_error_t error;
-    json_t *config = json_loadf(stream, 0, &error);
-    fclose(stream);
+    json_t *config = json_loadb((const char *)text, size, 0, &error);
+    sgsi_free(text);
     if (!config)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: %s", path, error.line, error.text);
     const json_t *options = json_object_get(config, "options"),

@@ -22,7 +22,7 @@ static temp_folder folder;
 // ---- Messages ----
 
 static int saved_stderr;
-static char message[2048];
+static char *message;
 
 static void catch_messages(void)
 {
@@ -38,10 +38,9 @@ static void read_message(void)
     fflush(stderr);
     dup2(saved_stderr, STDERR_FILENO);
     close(saved_stderr);
-    FILE *file = fopen(temp_path(&folder, "stderr"), "r");
-    assert_non_null(file);
-    message[fread(message, 1, sizeof message - 1, file)] = 0;
-    fclose(file);
+    size_t size;
+    free(message);
+    message = (char *)file_get(temp_path(&folder, "stderr"), &size);
 }
 
 // One line with both texts.
@@ -151,10 +150,7 @@ static void a_damaged_record_is_an_error_that_keeps_the_file(void **state)
 
 static void put_text(const char *name, const char *text)
 {
-    FILE *file = fopen(temp_path(&folder, name), "w");
-    assert_non_null(file);
-    fputs(text, file);
-    fclose(file);
+    file_put(temp_path(&folder, name), text, strlen(text));
 }
 
 static void rows_up_to_the_iteration_are_kept(void **state)
@@ -165,11 +161,10 @@ static void rows_up_to_the_iteration_are_kept(void **state)
     assert_non_null(table);
     fputs("6,d\n", table);
     fclose(table);
-    char text[128];
-    FILE *file = fopen(temp_path(&folder, "train.csv"), "r");
-    text[fread(text, 1, sizeof text - 1, file)] = 0;
-    fclose(file);
+    size_t size;
+    char *text = (char *)file_get(temp_path(&folder, "train.csv"), &size);
     assert_string_equal(text, "iteration,x\n1,a\n5,b\n6,d\n");
+    free(text);
 }
 
 // The time of a copy per row of all rows before it would exceed the time limit of the test.
@@ -248,5 +243,6 @@ int main(void)
     folder = temp_folder_make();
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     nftw(folder.path, tree_remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    free(message);
     return failed;
 }

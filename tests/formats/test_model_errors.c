@@ -41,18 +41,6 @@ typedef struct text_change {
     const char *message;
 } text_change;
 
-static void refuse(const char *path, sgs_status expected, const char *message, const char *what)
-{
-    sgs_gaussians *model = (sgs_gaussians *)path;
-    const sgs_status status = sgs_model_read(path, NULL, &model, NULL);
-    if (status != expected || strncmp(sgs_last_error(), path, strlen(path)) ||
-        !strstr(sgs_last_error(), message) || strchr(sgs_last_error(), '\n'))
-        fail_msg("%s: status %d with '%s', expected %d with '%s'", what, status, sgs_last_error(),
-                 expected, message);
-    assert_null(model);
-    bad_input();
-}
-
 static void refuse_changes(const temp_folder *folder, const char *name, const unsigned char *bytes,
                            size_t size, bool packed, const change *changes, size_t count)
 {
@@ -80,7 +68,7 @@ static void refuse_changes(const temp_folder *folder, const char *name, const un
         }
         free(copy);
         snprintf(what, sizeof what, "change %zu", k);
-        refuse(temp_path(folder, name), c->status, c->message, what);
+        model_refused(temp_path(folder, name), c->status, c->message, what);
     }
 }
 
@@ -106,7 +94,8 @@ static void splat_sizes_are_checked(void **state)
         if (size && size % 32 == 0)
             continue;
         file_put(temp_path(&folder, "a.splat"), zeros, size);
-        refuse(temp_path(&folder, "a.splat"), SGS_STATUS_FORMAT, "is not a multiple of 32", "size");
+        model_refused(temp_path(&folder, "a.splat"), SGS_STATUS_FORMAT, "is not a multiple of 32",
+                      "size");
     }
     temp_folder_remove(&folder);
 }
@@ -317,8 +306,8 @@ static void compressed_ply_is_checked(void **state)
         unsigned char *copy = replace(bytes, size, changes[k].from, changes[k].to, &changed);
         file_put(temp_path(&folder, "a.compressed.ply"), copy, changed);
         free(copy);
-        refuse(temp_path(&folder, "a.compressed.ply"), changes[k].status, changes[k].message,
-               changes[k].to);
+        model_refused(temp_path(&folder, "a.compressed.ply"), changes[k].status, changes[k].message,
+                      changes[k].to);
     }
     for (size_t cut = 1; cut < size; cut += 97) {
         file_put(temp_path(&folder, "a.compressed.ply"), bytes, size - cut);
@@ -431,17 +420,18 @@ static void glb_is_checked(void **state)
     unsigned char *bytes = write_valid(&folder, "a.glb", 3, 1, NULL, &size);
     for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k) {
         put_glb(temp_path(&folder, "a.glb"), bytes, size, changes[k].from, changes[k].to);
-        refuse(temp_path(&folder, "a.glb"), changes[k].status, changes[k].message, changes[k].to);
+        model_refused(temp_path(&folder, "a.glb"), changes[k].status, changes[k].message,
+                      changes[k].to);
     }
     // Many nodes with one mesh, then also many primitives without Gaussians.
     char *nodes = with_zeros("\"scenes\":[{\"nodes\":[", 3000, "0]}]"),
          *primitives = with_zeros("\"primitives\":[", 8000, "");
     put_glb(temp_path(&folder, "a.glb"), bytes, size, "\"scenes\":[{\"nodes\":[0]}]", nodes);
-    refuse(temp_path(&folder, "a.glb"), L, "its nodes repeat primitives", "instances");
+    model_refused(temp_path(&folder, "a.glb"), L, "its nodes repeat primitives", "instances");
     size_t repeated_size;
     unsigned char *repeated = file_get(temp_path(&folder, "a.glb"), &repeated_size);
     put_glb(temp_path(&folder, "a.glb"), repeated, repeated_size, "\"primitives\":[", primitives);
-    refuse(temp_path(&folder, "a.glb"), L, "more than 1048576 primitives", "primitives");
+    model_refused(temp_path(&folder, "a.glb"), L, "more than 1048576 primitives", "primitives");
     free(repeated);
     free(primitives);
     free(nodes);
@@ -495,7 +485,8 @@ static void usda_is_checked(void **state)
         unsigned char *copy = replace(bytes, size, changes[k].from, changes[k].to, &changed);
         file_put(temp_path(&folder, "a.usda"), copy, changed);
         free(copy);
-        refuse(temp_path(&folder, "a.usda"), changes[k].status, changes[k].message, changes[k].to);
+        model_refused(temp_path(&folder, "a.usda"), changes[k].status, changes[k].message,
+                      changes[k].to);
     }
     for (size_t cut = 3; cut < size; cut += 31) { // without the last brace and line feed
         file_put(temp_path(&folder, "a.usda"), bytes, size - cut);
@@ -573,14 +564,15 @@ static void sog_meta_is_checked(void **state)
     unsigned char *texture = file_get(temp_path(&folder, "quats.webp"), &size);
     for (size_t cut = 1; cut + 12 < size; cut += 3) {
         file_put(temp_path(&folder, "quats.webp"), texture, size - cut);
-        refuse(meta, F, "quats.webp", "truncated texture");
+        model_refused(meta, F, "quats.webp", "truncated texture");
     }
     free(texture);
     static const unsigned char huge[] = {'R',  'I', 'F', 'F', 26, 0, 0, 0, 'W',  'E',  'B',  'P',
                                          'V',  'P', '8', 'L', 14, 0, 0, 0, 0x2f, 0xff, 0xff, 0xff,
                                          0x0f, 0,   0,   0,   0,  0, 0, 0, 0,    0};
     file_put(temp_path(&folder, "quats.webp"), huge, sizeof huge);
-    refuse(meta, L, "quats.webp has 16384 x 16384 pixels, more than a file of this size", "huge");
+    model_refused(meta, L, "quats.webp has 16384 x 16384 pixels, more than a file of this size",
+                  "huge");
     sgs_gaussians_destroy(model);
     temp_folder_remove(&folder);
 }
@@ -662,7 +654,7 @@ static void lod_manifest_is_checked(void **state)
         unsigned char *copy = replace(bytes, size, changes[k].from, changes[k].to, &changed);
         file_put(path, copy, changed);
         free(copy);
-        refuse(path, changes[k].status, changes[k].message, changes[k].to);
+        model_refused(path, changes[k].status, changes[k].message, changes[k].to);
     }
     // Nested nodes.
     char *deep;
@@ -678,7 +670,7 @@ static void lod_manifest_is_checked(void **state)
     assert_int_equal(fclose(stream), 0);
     unsigned char *copy = replace(bytes, size, "\"tree\":{", deep, &changed);
     file_put(path, copy, changed);
-    refuse(path, F, "a node of 'tree'", "nested nodes");
+    model_refused(path, F, "a node of 'tree'", "nested nodes");
     free(copy);
     free(deep);
     free(bytes);
@@ -690,12 +682,14 @@ static void unknown_files_are_refused(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    refuse(temp_path(&folder, "none.spz"), SGS_STATUS_IO, "cannot be opened", "missing");
-    refuse(temp_path(&folder, "none.bin"), SGS_STATUS_UNSUPPORTED, "is no model of a known format",
-           "missing and unknown");
-    refuse(folder.path, SGS_STATUS_IO, "is a folder without meta.json or lod-meta.json", "folder");
+    model_refused(temp_path(&folder, "none.spz"), SGS_STATUS_IO, "cannot be opened", "missing");
+    model_refused(temp_path(&folder, "none.bin"), SGS_STATUS_UNSUPPORTED,
+                  "is no model of a known format", "missing and unknown");
+    model_refused(folder.path, SGS_STATUS_IO, "is a folder without meta.json or lod-meta.json",
+                  "folder");
     file_put(temp_path(&folder, "a.bin"), "hello", 5);
-    refuse(temp_path(&folder, "a.bin"), SGS_STATUS_UNSUPPORTED, "supported are .ply", "unknown");
+    model_refused(temp_path(&folder, "a.bin"), SGS_STATUS_UNSUPPORTED, "supported are .ply",
+                  "unknown");
     // An option that the file does not have.
     sgs_gaussians *model = model_random(2, 0), *none;
     sgs_model_read_options options = sgs_model_read_options_default();

@@ -28,14 +28,7 @@ enum { MANY = 300000, SIDE = 600 }; // SIDE^2 >= MANY
 
 static void refuse(const char *path, sgs_status expected, const char *message)
 {
-    sgs_gaussians *model = (sgs_gaussians *)path;
-    const sgs_status status = sgs_model_read(path, NULL, &model, NULL);
-    if (status != expected || strncmp(sgs_last_error(), path, strlen(path)) ||
-        !strstr(sgs_last_error(), message))
-        fail_msg("status %d with '%s', expected %d with '%s'", status, sgs_last_error(), expected,
-                 message);
-    assert_null(model);
-    bad_input();
+    model_refused(path, expected, message, "a file that expands");
 }
 
 static void accept_model(const char *path, size_t count)

@@ -11,6 +11,23 @@
 
 #include "base/core.h"
 #include "sparegs/gaussians.h"
+#include "sparegs/model_file.h"
+#include "support/bad_input.h"
+
+// The file is refused with this status and one line that begins with its path and has the message.
+// what: the case, for the failure of the test.
+static inline void model_refused(const char *path, sgs_status expected, const char *message,
+                                 const char *what)
+{
+    sgs_gaussians *model = (sgs_gaussians *)path;
+    const sgs_status status = sgs_model_read(path, NULL, &model, NULL);
+    if (status != expected || strncmp(sgs_last_error(), path, strlen(path)) ||
+        !strstr(sgs_last_error(), message) || strchr(sgs_last_error(), '\n'))
+        fail_msg("%s: status %d with '%s', expected %d with '%s'", what, status, sgs_last_error(),
+                 expected, message);
+    assert_null(model);
+    bad_input();
+}
 
 static inline sgs_gaussians *model_random(size_t count, int sh_degree)
 {

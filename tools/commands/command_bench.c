@@ -21,12 +21,11 @@
 static const char description[] =
     "Measures the phases of a training iteration on built-in scenes (listed by --list; by default "
     "sparse-32k, dense-500k and dense-2m), or on MODEL (a model file or a run folder) viewed from "
-    "the cameras of SCENE. "
-    "Prints the median, minimum and maximum over the repetitions, per ray hit in TSC cycles and "
-    "nanoseconds and per megapixel, both as core time (wall-clock time x threads), together with "
-    "the limits of the machine, measured in the same run. `forward` is project, order and blend "
-    "without `gather`; `total` is gather, forward and backward; `iteration` is everything except "
-    "`build`. --ranks predicts training on several machines.";
+    "the cameras of SCENE. Prints the median, minimum and maximum over the repetitions, per ray "
+    "hit in TSC cycles and nanoseconds and per megapixel, both as core time (wall-clock time x "
+    "threads), together with the limits of the machine, measured in the same run. `forward` is "
+    "project, order and blend without `gather`; `total` is gather, forward and backward; "
+    "`iteration` is everything except `build`. --ranks predicts training on several machines.";
 
 typedef struct bench_values {
     integer_list threads, ranks;

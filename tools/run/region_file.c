@@ -106,14 +106,22 @@ static long end_of_records(const char *path, FILE *stream, int iteration)
     return keep >= 0 ? keep : at;
 }
 
+// True with a stream, or with NULL if the file does not exist. False after printing the error.
+static bool open_records(const char *path, FILE **stream)
+{
+    const char *reason = NULL;
+    *stream = open_input(path, &reason);
+    if (*stream || errno == ENOENT)
+        return true;
+    fail_run("%s: cannot be read: %s", path, reason);
+    return false;
+}
+
 bool region_file_cut(const char *folder, int iteration)
 {
     char *path = file_of(folder);
-    FILE *stream = open_input(path, NULL);
-    const bool missing = !stream && errno == ENOENT;
-    bool done = stream || missing;
-    if (!done)
-        fail_run("%s: cannot be read: %s", path, strerror(errno));
+    FILE *stream;
+    bool done = open_records(path, &stream);
     if (stream) {
         const long keep = iteration > 0 ? end_of_records(path, stream, iteration) : 0;
         done = keep >= 0 && !truncate(path, keep);
@@ -151,12 +159,8 @@ bool region_history_read(const char *folder, region_history *history)
 {
     *history = (region_history){0};
     char *path = file_of(folder);
-    const char *reason = NULL;
-    FILE *stream = open_input(path, &reason);
-    const bool missing = !stream && errno == ENOENT;
-    bool complete = stream || missing;
-    if (!complete)
-        fail_run("%s: cannot be read: %s", path, reason);
+    FILE *stream;
+    bool complete = open_records(path, &stream);
     record_header header;
     while (stream && read_header(stream, size_of(stream), &header)) {
         sgs_regions *longer = realloc(history->updates, (history->count + 1) * sizeof *longer);

@@ -41,6 +41,20 @@ run 0 train "$room" -o "$temporary/again" --init "$temporary/a.sog" --iterations
 run 0 bench "$temporary/a.spz" "$room" --downscale 8 --repeat 1 --views 1 --quiet
 run 0 render "$temporary/a.compressed.ply" "$room" --view 0001 --downscale 8 --format png -o "$temporary/png" --quiet
 
+# a_scaled_model_is_not_cut_away: without data set and config, the size of the model sets the near limit
+run 0 convert "$ply" "$temporary/scaled.ply" --scale 0.02
+jq '[.[3] | .position |= map(. * 0.02)]' "$out/cameras.json" >"$temporary/scaled.json"
+jq '[.[3]]' "$out/cameras.json" >"$temporary/camera.json"
+run 0 render "$ply" --camera "$temporary/camera.json" --format png -o "$temporary/full_size" --quiet
+image() { ls "$temporary/$1"/0004.png; }
+for near in "" "--near 0.004"; do
+    run 0 render "$temporary/scaled.ply" --camera "$temporary/scaled.json" --format png -o "$temporary/scaled" $near --quiet
+    check the_image_is_the_same idiff -fail 0.06 -failpercent 1 "$(image full_size)" "$(image scaled)"
+    rm -r "$temporary/scaled"
+done
+run 0 render "$temporary/scaled.ply" --camera "$temporary/scaled.json" --format png -o "$temporary/scaled" --near 0.2 --quiet
+check a_far_limit_cuts bash -c "! idiff -fail 0.06 -failpercent 1 '$(image full_size)' '$(image scaled)'"
+
 # usda_has_the_cameras_of_the_scene
 run 0 convert "$ply" "$temporary/a.usda" "$room" --downscale 8
 check there_is_a_camera_per_view test "$(grep -c 'def Camera' "$temporary/a.usda")" = 35

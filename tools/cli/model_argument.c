@@ -3,6 +3,7 @@
 
 #include "cli/model_argument.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "cli/interrupt.h"
@@ -30,6 +31,42 @@ void opened_model_free(opened_model *opened)
     *opened = (opened_model){0};
 }
 
+static int compare_values(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+void model_measure(const sgs_gaussians *model, double center[3], double *range)
+{
+    enum { SAMPLES = 10000 };
+    const size_t count = model->count, kept = count < SAMPLES ? count : SAMPLES;
+    float *values = malloc((kept + 1) * sizeof *values);
+    *range = 0;
+    for (int k = 0; k < 3; ++k) {
+        center[k] = 0;
+        for (size_t i = 0; values && i < kept; ++i)
+            values[i] = *sgs_gaussians_at(model, i * count / kept, SGS_PARAM_MEAN + k);
+        if (!values || !kept)
+            continue;
+        qsort(values, kept, sizeof *values, compare_values);
+        const double along = (double)values[kept - 1 - kept / 10] - (double)values[kept / 10];
+        center[k] = (double)values[kept / 2];
+        *range = along > *range ? along : *range;
+    }
+    free(values);
+    if (!(*range > 0))
+        *range = 1;
+}
+
+// The cameras of a data set are spread over about a quarter of what they see.
+static double near_distance_of(const sgs_gaussians *model)
+{
+    double center[3], range;
+    model_measure(model, center, &range);
+    return sgs_near_distance(range / 4);
+}
+
 bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians)
 {
     sgs_model_info info;
@@ -39,6 +76,8 @@ bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussian
     }
     if (drawing && info.antialiased && !drawing->filter_selected)
         drawing->filter = SGS_FILTER_MIP;
+    if (drawing && !drawing->near_selected)
+        drawing->near_distance = near_distance_of(*gaussians);
     return true;
 }
 

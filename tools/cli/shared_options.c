@@ -338,11 +338,20 @@ static const option drawing_options[] = {
      .initial = "0,0,0",
      .shown = "as trained, else 0,0,0",
      .help = "background colour, display values from 0 to 1"},
+    {.name = "near",
+     .kind = OPTION_REAL,
+     .offset = offsetof(drawing_values, near_distance),
+     .low = 0,
+     .high = 1e9,
+     .argument = "X",
+     .initial = "0.2",
+     .shown = "as trained, else 0.2, or less for a small scene",
+     .help = "near limit: ray hits up to this distance from the camera are ignored; world units"},
 };
 
 option_group drawing_group(drawing_values *values)
 {
-    *values = (drawing_values){.compact_box = 1, .white_point = 1};
+    *values = (drawing_values){.compact_box = 1, .white_point = 1, .near_distance = 0.2};
     return (option_group){.title = "Appearance",
                           .options = drawing_options,
                           .count = sizeof drawing_options / sizeof *drawing_options,
@@ -362,9 +371,10 @@ void drawing_resolve(drawing_values *values, const command_line *line, const jso
     values->white_point = data->white_point > 0             ? data->white_point
                           : scene && scene->white_point > 0 ? scene->white_point
                                                             : 1;
-    const double near_distance = json_number_value(json_object_get(config, "near_distance"));
-    values->near_distance =
-        near_distance > 0 ? near_distance : sgs_near_distance(scene ? scene->extent : 1.0);
+    const double trained = json_number_value(json_object_get(config, "near_distance"));
+    values->near_selected = option_given(line, "near") || trained > 0 || scene;
+    if (!option_given(line, "near"))
+        values->near_distance = trained > 0 ? trained : sgs_near_distance(scene ? scene->extent : 1);
     if (option_given(line, "background"))
         return;
     const json_t *background = config_option(config, "background");
@@ -381,8 +391,7 @@ sgs_render_options drawing_render_options(const drawing_values *values)
     sgs_render_options options = sgs_render_options_default();
     options.filter = (sgs_filter)values->filter;
     options.compact_box = values->compact_box;
-    if (values->near_distance > 0)
-        options.near_distance = values->near_distance;
+    options.near_distance = values->near_distance;
     return options;
 }
 

@@ -80,7 +80,8 @@ typedef struct drawing_values {
     float background[3];
     sgs_space space;      // of the model's colours
     double white_point;   // linear light that is 1 in them
-    double near_distance; // from the scene
+    double near_distance; // world units
+    bool near_selected;   // by the command line, a run's config or the scene
 } drawing_values;
 
 option_group drawing_group(drawing_values *values);

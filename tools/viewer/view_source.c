@@ -35,34 +35,6 @@ static bool read_views(const char *folder, camera_list *list)
     return done;
 }
 
-static int compare_values(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-static void measure_bounds(const sgs_gaussians *model, double center[3], double *extent)
-{
-    enum { SAMPLES = 10000 };
-    const size_t count = model->count, kept = count < SAMPLES ? count : SAMPLES;
-    float *values = malloc((kept + 1) * sizeof *values);
-    *extent = 0;
-    for (int k = 0; k < 3; ++k) {
-        center[k] = 0;
-        for (size_t i = 0; values && i < kept; ++i)
-            values[i] = *sgs_gaussians_at(model, i * count / kept, SGS_PARAM_MEAN + k);
-        if (!values || !kept)
-            continue;
-        qsort(values, kept, sizeof *values, compare_values);
-        const double range = (double)values[kept - 1 - kept / 10] - (double)values[kept / 10];
-        center[k] = (double)values[kept / 2];
-        *extent = range > *extent ? range : *extent;
-    }
-    free(values);
-    if (!(*extent > 0))
-        *extent = 1;
-}
-
 bool view_source_open(view_source *source, sgs_gaussians *model, const char *folder, int iteration)
 {
     pthread_mutex_init(&source->lock, NULL);
@@ -70,7 +42,7 @@ bool view_source_open(view_source *source, sgs_gaussians *model, const char *fol
     source->model = model;
     atomic_store(&source->iteration, iteration);
     atomic_store(&source->count, model->count);
-    measure_bounds(model, source->center, &source->extent);
+    model_measure(model, source->center, &source->extent);
     source->is_run = folder != NULL;
     if (folder)
         source->folder = format_text("%s", folder);

@@ -200,8 +200,19 @@ SGS_API void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
 // or -1. Cannot fail.
 SGS_API ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
 
-// Writes the cameras.json of 3DGS (id, img_name, width, height, position, camera-to-world rotation
-// rows, fy, fx; held-out views first), atomically. Fails with IO or OUT_OF_MEMORY.
+typedef struct sgs_named_camera {
+    const char *name;
+    sgs_camera camera;
+    sgs_pose pose;
+} sgs_named_camera;
+
+// Writes the cameras.json of 3DGS (id from 0, img_name, width, height, position, camera-to-world
+// rotation rows, fy, fx) atomically, and, which 3DGS does not, cx, cy, camera_model (a name of
+// sgs_camera_model_name) and params. Bytes of names that are not UTF-8 become '?'. Fails with IO or
+// OUT_OF_MEMORY.
+SGS_API sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_t count,
+                                          const char *path);
+// The same for the views of a scene, held-out views first.
 SGS_API sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path);
 
 #ifdef __cplusplus

@@ -4,7 +4,7 @@
 // Writes cameras.json like the code of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance
 // Field Rendering", 2023; viewers use it for their start position. It holds camera-to-world
 // rotations (rows), centres and focal lengths in pixels; held-out views come first, and ids follow
-// that order. The format has no distortion or principal point.
+// that order. The original has no distortion or principal point, which are added.
 
 #include "sparegs/scene.h"
 
@@ -29,56 +29,53 @@ static json_t *rotation_of(const sgs_pose *pose)
                      r[5], r[8]);
 }
 
-static json_t *camera_of(const sgs_view *view, size_t id)
+// JSON is UTF-8, but file names need not be. json_string rejects other bytes, so they are replaced.
+static json_t *text_of(const char *name)
+{
+    json_t *text = json_string(name);
+    char *copy = text ? NULL : sgsi_strdup(name);
+    if (!copy)
+        return text;
+    for (char *at = copy; *at; ++at) {
+        if ((unsigned char)*at > 126)
+            *at = '?';
+    }
+    text = json_string(copy);
+    sgsi_free(copy);
+    return text;
+}
+
+static json_t *params_of(const sgs_camera *camera)
+{
+    json_t *params = json_array();
+    for (int k = 0; k < sgs_camera_param_count(camera->model); ++k)
+        json_array_append_new(params, json_real(camera->params[k]));
+    return params;
+}
+
+static json_t *camera_of(const sgs_named_camera *view, size_t id)
 {
     double fx, fy, cx, cy;
     sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
-    // JSON is UTF-8, but file names need not be. json_string rejects other bytes, so they are
-    // replaced.
-    char *name = sgsi_strdup(view->name);
-    if (!name)
-        return NULL;
-    json_t *text = json_string(name);
-    if (!text) {
-        for (char *at = name; *at; ++at) {
-            if ((unsigned char)*at > 126)
-                *at = '?';
-        }
-        text = json_string(name);
-    }
-    sgsi_free(name);
-    return json_pack("{s:I, s:o, s:i, s:i, s:o, s:o, s:f, s:f}", "id", (json_int_t)id, "img_name",
-                     text, "width", view->camera.width, "height", view->camera.height, "position",
-                     position_of(&view->pose), "rotation", rotation_of(&view->pose), "fy", fy, "fx",
-                     fx);
+    return json_pack("{s:I, s:o, s:i, s:i, s:o, s:o, s:f, s:f, s:f, s:f, s:s, s:o}", "id",
+                     (json_int_t)id, "img_name", text_of(view->name), "width", view->camera.width,
+                     "height", view->camera.height, "position", position_of(&view->pose),
+                     "rotation", rotation_of(&view->pose), "fy", fy, "fx", fx, "cx", cx, "cy", cy,
+                     "camera_model", sgs_camera_model_name(view->camera.model), "params",
+                     params_of(&view->camera));
 }
 
-static json_t *list_cameras(const sgs_scene *scene)
+sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_t count, const char *path)
 {
     json_t *list = json_array();
-    size_t id = 0;
-    for (int pass = 0; pass < 2; ++pass) {
-        for (size_t k = 0; k < scene->view_count; ++k) {
-            const bool is_test = scene->views[k].split == SGS_SPLIT_TEST;
-            if (is_test != (pass == 0))
-                continue;
-            if (json_array_append_new(list, camera_of(&scene->views[k], id++))) {
-                json_decref(list);
-                return NULL;
-            }
-        }
-    }
-    return list;
-}
-
-sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path)
-{
-    json_t *list = list_cameras(scene);
-    char *text = list ? json_dumps(list, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
+    bool made = list;
+    for (size_t k = 0; k < count && made; ++k)
+        made = !json_array_append_new(list, camera_of(&cameras[k], k));
+    char *text = made ? json_dumps(list, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     json_decref(list);
     if (!text)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write %zu cameras", path,
-                         scene->view_count);
+                         count);
     sgsi_atomic_file file;
     sgs_status status = sgsi_atomic_open(&file, path);
     if (!status) {
@@ -87,5 +84,24 @@ sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path
         status = sgsi_atomic_commit(&file);
     }
     free(text);
+    return status;
+}
+
+sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path)
+{
+    sgs_named_camera *cameras = sgsi_alloc(scene->view_count + 1, sizeof *cameras);
+    if (!cameras)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write %zu cameras", path,
+                         scene->view_count);
+    size_t count = 0;
+    for (int pass = 0; pass < 2; ++pass) {
+        for (size_t k = 0; k < scene->view_count; ++k) {
+            const sgs_view *view = &scene->views[k];
+            if ((view->split == SGS_SPLIT_TEST) == (pass == 0))
+                cameras[count++] = (sgs_named_camera){view->name, view->camera, view->pose};
+        }
+    }
+    const sgs_status status = sgs_cameras_write_json(cameras, count, path);
+    sgsi_free(cameras);
     return status;
 }

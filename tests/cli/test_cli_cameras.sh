@@ -163,6 +163,29 @@ run 1 render "$model" "$room" --view 0009 --projection equirectangular --apertur
 one_line
 reports "--aperture requires a perspective lens"
 
+# cameras_json_keeps_the_lens: of a data set, of a path, and of a panorama
+lens() { jq -r '.[0] | "\(.camera_model) \(.params | length)"' "$1"; }
+run 0 render "$model" "$room" --view 0009 --aov rgba -o "$temporary/lens"
+run 0 render "$model" --camera "$model/cameras.json" --view 0009.jpg --aov rgba -o "$temporary/lens_again"
+check the_run_keeps_the_lens oiiotool --fail 0.0001 "$temporary/lens/0009.exr" "$temporary/lens_again/0009.exr" --diff
+check it_is_not_a_pinhole bash -c "! jq -e '.[0].camera_model == \"PINHOLE\"' '$model/cameras.json'"
+jq '[.[0] | .camera_model = "OPENCV_FISHEYE" | .params = [.fx / 3, .fy / 3, .cx, .cy, 0.02, -0.01, 0.003, -0.001]]' \
+    "$model/cameras.json" >"$temporary/bent.json"
+run 0 render "$model" --camera "$temporary/bent.json" --aov rgba --save-cameras json -o "$temporary/bent"
+check the_lens_is_written test "$(lens "$temporary/bent/cameras.json")" = "OPENCV_FISHEYE 8"
+run 0 render "$model" --camera "$temporary/bent/cameras.json" --aov rgba -o "$temporary/bent_again"
+check a_fisheye_comes_back oiiotool --fail 0.0001 "$temporary/bent"/*.exr "$temporary/bent_again"/*.exr --diff
+run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba --save-cameras json -o "$temporary/globe"
+check a_panorama_is_written test "$(lens "$temporary/globe/cameras.json")" = "EQUIRECTANGULAR 4"
+run 0 render "$model" --camera "$temporary/globe/cameras.json" --aov rgba -o "$temporary/globe_again"
+check a_panorama_comes_back oiiotool --fail 0.0001 "$temporary/globe/0009.exr" "$temporary/globe_again/0009.exr" --diff
+for broken in '.camera_model = 5' '.camera_model = "LENS"' '.params = [1]' 'del(.params)' '.params[7] = "x"'; do
+    jq ".[0] |= ($broken)" "$temporary/bent.json" >"$temporary/wrong.json"
+    run 1 render "$model" --camera "$temporary/wrong.json" -o "$temporary/none"
+    one_line
+    reports "wrong.json: camera 0: "
+done
+
 # samples_are_averaged (with a pinhole, 16 samples are near the mean of the larger image)
 run 0 render "$model" "$room" --view 0009 --aov rgba,depth -o "$temporary/one"
 run 0 render "$model" "$room" --view 0009 --aov rgba,depth --spp 16 -o "$temporary/many"
@@ -190,7 +213,7 @@ echo "$first" | jq '{camera_type: "perspective", render_width: .width, render_he
     camera_to_world: [.rotation[0][0], -.rotation[0][1], -.rotation[0][2], .position[0],
                       .rotation[1][0], -.rotation[1][1], -.rotation[1][2], .position[1],
                       .rotation[2][0], -.rotation[2][1], -.rotation[2][2], .position[2], 0, 0, 0, 1]}]}' >"$temporary/path.json"
-jq '.[0] |= (.fx = .fy | del(.cx, .cy) | .img_name = "frame_00000")' "$temporary/first.json" >"$temporary/same.json"
+jq '.[0] |= (.fx = .fy | del(.cx, .cy, .camera_model, .params) | .img_name = "frame_00000")' "$temporary/first.json" >"$temporary/same.json"
 run 0 render "$model" --camera "$temporary/path.json" --aov rgba -o "$temporary/path"
 run 0 render "$model" --camera "$temporary/same.json" --aov rgba -o "$temporary/same"
 check same_picture oiiotool --fail 0.001 "$temporary/path/frame_00000.exr" "$temporary/same/frame_00000.exr" --diff
@@ -205,7 +228,8 @@ for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 
 done
 
 # a_transforms_json_is_a_camera_file
-jq '{w: .[0].width, h: .[0].height, fl_x: .[0].fx, fl_y: .[0].fy, cx: (.[0].width / 2), cy: (.[0].height / 2), frames: [.[] | {
+jq '{w: .[0].width, h: .[0].height, fl_x: .[0].fx, fl_y: .[0].fy, cx: .[0].cx, cy: .[0].cy,
+    camera_model: .[0].camera_model, k1: .[0].params[4], k2: .[0].params[5], p1: .[0].params[6], p2: .[0].params[7], frames: [.[] | {
     file_path: .img_name, transform_matrix: [
         [.rotation[0][0], -.rotation[0][1], -.rotation[0][2], .position[0]],
         [.rotation[1][0], -.rotation[1][1], -.rotation[1][2], .position[1]],

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json: keys, their order and their meaning as in 3DGS.
+// cameras.json: keys, their order and their meaning as in 3DGS, then those of the lens.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -72,8 +72,9 @@ static void cameras_json_matches_3dgs(void **state)
     assert_int_equal(json_array_size(list), 4);
     static const int order[4] = {0, 2, 1, 3}; // held-out views first
     static const char *const names[4] = {"a.jpg", "c.jpg", "b/\xc3\xa9.jpg", "?\"d\\.jpg"};
-    static const char *const keys[] = {"id",       "img_name", "width", "height",
-                                       "position", "rotation", "fy",    "fx"};
+    static const char *const keys[] = {"id",       "img_name", "width",        "height",
+                                       "position", "rotation", "fy",           "fx",
+                                       "cx",       "cy",       "camera_model", "params"};
     for (size_t k = 0; k < 4; ++k) {
         json_t *camera = json_array_get(list, k);
         assert_int_equal(json_integer_value(json_object_get(camera, "id")), k);
@@ -83,11 +84,14 @@ static void cameras_json_matches_3dgs(void **state)
         assert_true(json_real_value(json_object_get(camera, "fx")) == 400.5);
         assert_true(json_real_value(json_object_get(camera, "fy")) == 401.25);
         assert_inverts(camera, &views[order[k]].pose);
+        assert_true(number_at(json_object_get(camera, "params"), 5) == -0.05);
+        assert_int_equal(json_array_size(json_object_get(camera, "params")), 8);
+        assert_string_equal(json_string_value(json_object_get(camera, "camera_model")), "OPENCV");
         size_t place = 0;
         const char *key;
         json_t *value;
         json_object_foreach(camera, key, value) assert_string_equal(key, keys[place++]);
-        assert_int_equal(place, 8);
+        assert_int_equal(place, 12);
     }
     json_decref(list);
     temp_folder_remove(&folder);

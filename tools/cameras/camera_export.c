@@ -13,7 +13,6 @@
 
 #include "cameras/camera_export.h"
 
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -34,29 +33,21 @@ static void graphics_axes(const sgs_pose *pose, double axes[9])
             axes[3 * i + j] = (j == 0 ? 1 : -1) * pose->rotation[3 * j + i];
 }
 
-static json_t *describe(const named_camera *camera, size_t id)
-{
-    const double *r = camera->pose.rotation;
-    double fx, fy, cx, cy, center[3];
-    sgs_camera_intrinsics(&camera->camera, &fx, &fy, &cx, &cy);
-    sgs_pose_center(&camera->pose, center);
-    json_t *name = json_string(camera->name);
-    if (!name) // not UTF-8
-        name = json_sprintf("camera_%05zu", id);
-    return json_pack("{s:I, s:o, s:i, s:i, s:[f, f, f], s:[[f, f, f], [f, f, f], [f, f, f]], s:f, "
-                     "s:f, s:f, s:f}",
-                     "id", (json_int_t)id, "img_name", name, "width", camera->camera.width,
-                     "height", camera->camera.height, "position", center[0], center[1], center[2],
-                     "rotation", r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8], "fy", fy,
-                     "fx", fx, "cx", cx, "cy", cy);
-}
-
 static bool write_cameras_json(const char *path, const camera_list *list)
 {
-    json_t *root = json_array();
+    sgs_named_camera *cameras = calloc(list->count + 1, sizeof *cameras);
+    if (!cameras) {
+        fail_run("%s: no memory for %zu cameras", path, list->count);
+        return false;
+    }
     for (size_t i = 0; i < list->count; ++i)
-        json_array_append_new(root, describe(&list->cameras[i], i));
-    return write_json(path, root);
+        cameras[i] = (sgs_named_camera){list->cameras[i].name, list->cameras[i].camera,
+                                        list->cameras[i].pose};
+    const bool done = !sgs_cameras_write_json(cameras, list->count, path);
+    free(cameras);
+    if (!done)
+        fail_library();
+    return done;
 }
 
 static void chan_line(FILE *out, const named_camera *camera, size_t frame)

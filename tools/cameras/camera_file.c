@@ -3,7 +3,9 @@
 
 // cameras.json as 3DGS writes it: position is the camera centre in world space, rotation the
 // camera-to-world axes, so the pose is rotation^T and -rotation^T position. A rotation that is not
-// orthonormal to 1e-3 is rejected, because it would silently shear the image.
+// orthonormal to 1e-3 is rejected, because it would silently shear the image. Our own files also
+// have cx, cy, camera_model and params; without them the principal point is the image centre, and
+// the camera a pinhole.
 //
 // A nerfstudio camera path stores camera_to_world per frame (row-major, OpenGL camera axes), the
 // vertical field of view in degrees, and the size and projection of all frames.
@@ -38,6 +40,29 @@ static bool is_rotation(const double r[9])
            0;
 }
 
+// The members camera_model and params, which 3DGS does not write. Without them the camera is a
+// pinhole. Returns NULL, or a description of the error.
+static const char *read_lens(const json_t *entry, sgs_camera *camera)
+{
+    static const char equirectangular[] = "EQUIRECTANGULAR"; // not a model of COLMAP
+    const json_t *model = json_object_get(entry, "camera_model"),
+                 *params = json_object_get(entry, "params");
+    if (!model)
+        return NULL;
+    const char *name = json_string_value(model);
+    if (name && !strcmp(name, equirectangular))
+        camera->model = SGS_CAMERA_EQUIRECTANGULAR;
+    else if (!name || !sgs_camera_model_from_name(name, &camera->model))
+        return "camera_model must be the name of a camera model of COLMAP, or EQUIRECTANGULAR";
+    const size_t count = (size_t)sgs_camera_param_count(camera->model);
+    memset(camera->params, 0, sizeof camera->params);
+    for (size_t k = 0; k < count; ++k)
+        if (!read_number(json_array_get(params, k), &camera->params[k]))
+            return "params must be the parameters of camera_model";
+    return json_array_size(params) == count ? NULL
+                                            : "params must be the parameters of camera_model";
+}
+
 // Reads one entry. Returns NULL, or a description of the error.
 static const char *read_camera(const json_t *entry, named_camera *camera)
 {
@@ -65,6 +90,9 @@ static const char *read_camera(const json_t *entry, named_camera *camera)
     if (!is_rotation(rotation))
         return "rotation is not a rotation matrix";
     camera->camera = (sgs_camera){SGS_CAMERA_PINHOLE, (int)width, (int)height, {fx, fy, cx, cy}};
+    const char *problem = read_lens(entry, &camera->camera);
+    if (problem)
+        return problem;
     for (int i = 0; i < 3; ++i) {
         camera->pose.translation[i] = 0;
         for (int j = 0; j < 3; ++j) {

@@ -374,7 +374,8 @@ void drawing_resolve(drawing_values *values, const command_line *line, const jso
     const double trained = json_number_value(json_object_get(config, "near_distance"));
     values->near_selected = option_given(line, "near") || trained > 0 || scene;
     if (!option_given(line, "near"))
-        values->near_distance = trained > 0 ? trained : sgs_near_distance(scene ? scene->extent : 1);
+        values->near_distance =
+            trained > 0 ? trained : sgs_near_distance(scene ? scene->extent : 1);
     if (option_given(line, "background"))
         return;
     const json_t *background = config_option(config, "background");

@@ -108,7 +108,8 @@ typedef enum sgs_exr_compression {
     SGS_EXR_ZIPS, // deflate, line by line: faster partial reads
     SGS_EXR_PIZ,  // wavelets: smaller for noisy images
     SGS_EXR_NONE,
-    // Cosine transform of R, G, B: much smaller, visually lossless; other channels as ZIP.
+    // Cosine transform of R, G, B, also of layers: much smaller, visually lossless. All other
+    // channels, also those named Y, are lossless.
     SGS_EXR_DWAA,
     SGS_EXR_COMPRESSION_COUNT
 } sgs_exr_compression;

@@ -1,9 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Flat multi-channel EXR: one scan-line part. Most compressions use exr_writer.c (see there for the
-// reasons). DWAA uses OpenImageIO, because OpenEXRCore 3.1 does not implement it; that path holds
-// the interleaved image and the encoded file in memory.
+// Flat multi-channel EXR: one scan-line part, written by exr_writer.c (see there for the reasons).
+//
+// OpenEXRCore 3.1 does not compress with DWAA. OpenImageIO encodes such an image in memory, and its
+// chunks are copied to the file. A DWA chunk states which channel names are lossy, among those of
+// the encoded image. So a channel that OpenImageIO encodes under another name, as lossless, is
+// lossless under its own name, too.
 
 #include "image/exr_writer.h"
 
@@ -12,7 +15,7 @@
 
 #include "image/image_oiio.h"
 
-enum { MAX_CHANNELS = 1024, MAX_NAME = 255 };
+enum { MAX_CHANNELS = 1024, MAX_NAME = 254 }; // of 255, one for DWAA
 
 typedef struct flat_image {
     int width;
@@ -94,13 +97,63 @@ static void point_at_lines(const void *context, exr_encode_pipeline_t *encoder, 
     }
 }
 
-static sgs_status write_image(const flat_image *image, const char *path, const sgs_exr_info *info)
+// An EXR file in memory.
+typedef struct memory_file {
+    uint8_t *bytes;
+    size_t size;
+} memory_file;
+
+static int64_t read_bytes(exr_const_context_t context, void *user, void *buffer, uint64_t size,
+                          uint64_t offset, exr_stream_error_func_ptr_t error)
 {
-    static const exr_compression_t compressions[] = {[SGS_EXR_AUTO] = EXR_COMPRESSION_ZIP,
-                                                     [SGS_EXR_ZIP] = EXR_COMPRESSION_ZIP,
-                                                     [SGS_EXR_ZIPS] = EXR_COMPRESSION_ZIPS,
-                                                     [SGS_EXR_PIZ] = EXR_COMPRESSION_PIZ,
-                                                     [SGS_EXR_NONE] = EXR_COMPRESSION_NONE};
+    (void)context;
+    (void)error;
+    const memory_file *file = user;
+    if (offset > file->size)
+        return -1;
+    const uint64_t left = file->size - offset, count = size < left ? size : left;
+    memcpy(buffer, file->bytes + offset, (size_t)count);
+    return (int64_t)count;
+}
+
+static int64_t count_bytes(exr_const_context_t context, void *user)
+{
+    (void)context;
+    const memory_file *file = user;
+    return (int64_t)file->size;
+}
+
+// Copies the chunks of `from`, which has the size, types and order of channels of the writer.
+static exr_result_t copy_chunks(sgsi_exr_writer *writer, int height, memory_file *from)
+{
+    exr_context_initializer_t setup = sgsi_exr_setup(from);
+    setup.read_fn = read_bytes;
+    setup.size_fn = count_bytes;
+    exr_context_t reader;
+    int lines;
+    exr_result_t result = exr_start_read(&reader, writer->path, &setup);
+    if (result)
+        return result;
+    result = exr_get_scanlines_per_chunk(reader, 0, &lines);
+    for (int y = 0; !result && y < height; y += lines) {
+        exr_chunk_info_t chunk;
+        result = exr_read_scanline_chunk_info(reader, 0, y, &chunk);
+        if (!result)
+            result = exr_write_scanline_chunk(writer->context, 0, y,
+                                              from->bytes + chunk.data_offset, chunk.packed_size);
+    }
+    const exr_result_t finished = exr_finish(&reader);
+    return result ? result : finished;
+}
+
+// `encoded`: the image with DWAA compression; NULL for the other compressions.
+static sgs_status write_image(const flat_image *image, const char *path, const sgs_exr_info *info,
+                              memory_file *encoded)
+{
+    static const exr_compression_t compressions[] = {
+        [SGS_EXR_AUTO] = EXR_COMPRESSION_ZIP,  [SGS_EXR_ZIP] = EXR_COMPRESSION_ZIP,
+        [SGS_EXR_ZIPS] = EXR_COMPRESSION_ZIPS, [SGS_EXR_PIZ] = EXR_COMPRESSION_PIZ,
+        [SGS_EXR_NONE] = EXR_COMPRESSION_NONE, [SGS_EXR_DWAA] = EXR_COMPRESSION_DWAA};
     sgsi_exr_column columns[MAX_CHANNELS];
     for (int k = 0; k < image->channel_count; ++k) {
         const sgs_exr_channel *channel = image->sorted[k];
@@ -113,8 +166,10 @@ static sgs_status write_image(const flat_image *image, const char *path, const s
                       columns, image->channel_count);
     if (status)
         return status;
-    return sgsi_exr_close(&writer, sgsi_exr_write_lines(&writer, info->height, info->compression,
-                                                        point_at_lines, image));
+    return sgsi_exr_close(&writer,
+                          encoded ? copy_chunks(&writer, info->height, encoded)
+                                  : sgsi_exr_write_lines(&writer, info->height, info->compression,
+                                                         point_at_lines, image));
 }
 
 static sgs_status write_dwaa(const flat_image *image, const char *path, const sgs_exr_info *info)
@@ -122,20 +177,13 @@ static sgs_status write_dwaa(const flat_image *image, const char *path, const sg
     sgs_exr_channel channels[MAX_CHANNELS];
     for (int k = 0; k < image->channel_count; ++k)
         channels[k] = *image->sorted[k];
-    uint8_t *bytes;
-    size_t size;
-    sgs_status status =
-        sgsi_oiio_dwaa_encode(path, info, channels, image->channel_count, &bytes, &size);
+    memory_file encoded;
+    sgs_status status = sgsi_oiio_dwaa_encode(path, info, channels, image->channel_count,
+                                              &encoded.bytes, &encoded.size);
     if (status)
         return status;
-    sgsi_atomic_file file;
-    status = sgsi_atomic_open(&file, path);
-    if (!status) {
-        fwrite(bytes, 1, size, file.stream); // sgsi_atomic_commit reports errors
-        status = sgsi_atomic_commit(&file);
-    }
-    sgsi_atomic_abort(&file);
-    sgsi_free(bytes);
+    status = write_image(image, path, info, &encoded);
+    sgsi_free(encoded.bytes);
     return status;
 }
 
@@ -156,7 +204,7 @@ sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
     status = sort_channels(&image, path, channels, channel_count);
     if (!status)
         status = info->compression == SGS_EXR_DWAA ? write_dwaa(&image, path, info)
-                                                   : write_image(&image, path, info);
+                                                   : write_image(&image, path, info, NULL);
     sgsi_free(image.sorted);
     return status;
 }

@@ -103,17 +103,6 @@ static exr_result_t set_text(exr_context_t context, const char *name, const char
     return text ? exr_attr_set_string(context, 0, name, text) : EXR_ERR_SUCCESS;
 }
 
-sgsi_exr_film sgsi_exr_film_of(const sgs_exr_info *info)
-{
-    const double *k = info->intrinsics;
-    const double film_width = 36.0, focal = k[0] / info->width * film_width;
-    return (sgsi_exr_film){.focal_length = (float)focal,
-                           .size = {(float)film_width, (float)(info->height / k[1] * focal)},
-                           .window_width = (float)(info->width / k[0]),
-                           .window_center = {(float)((0.5 * info->width - k[2]) / k[0]),
-                                             (float)((k[3] - 0.5 * info->height) / k[1])}};
-}
-
 // Focal length and film back (names of OpenEXR's standard attributes), or the kind of a panorama.
 static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
 {
@@ -121,15 +110,18 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
         return exr_attr_set_envmap(context, 0, "envmap", EXR_ENVMAP_LATLONG);
     if (!info->intrinsics)
         return EXR_ERR_SUCCESS;
-    const sgsi_exr_film film = sgsi_exr_film_of(info);
-    const exr_attr_v2f_t size = {.x = film.size[0], .y = film.size[1]};
-    const exr_attr_v2f_t center = {.x = film.window_center[0], .y = film.window_center[1]};
-    exr_result_t result = exr_attr_set_float(context, 0, "pinholeFocalLength", film.focal_length);
+    const double *k = info->intrinsics;
+    const double film_width = 36.0, focal = k[0] / info->width * film_width; // mm
+    const exr_attr_v2f_t size = {.x = (float)film_width, .y = (float)(info->height / k[1] * focal)};
+    // Of the image plane at distance 1, y up.
+    const exr_attr_v2f_t center = {.x = (float)((0.5 * info->width - k[2]) / k[0]),
+                                   .y = (float)((k[3] - 0.5 * info->height) / k[1])};
+    exr_result_t result = exr_attr_set_float(context, 0, "pinholeFocalLength", (float)focal);
     if (!result)
         result = exr_attr_set_v2f(context, 0, "sensorOverallDimensions", &size);
     if (!result)
         result = exr_set_screen_window_center(context, 0, &center);
-    return result ? result : exr_set_screen_window_width(context, 0, film.window_width);
+    return result ? result : exr_set_screen_window_width(context, 0, (float)(info->width / k[0]));
 }
 
 // Samples of a pixel are sorted and do not overlap. OpenEXR's C library has no type for this

@@ -24,14 +24,6 @@ typedef struct sgsi_exr_writer {
     int write_error;  // errno of the first failed write
 } sgsi_exr_writer;
 
-// info->intrinsics as EXR describes a perspective camera. Size and focal length in mm.
-typedef struct sgsi_exr_film {
-    float focal_length, size[2];
-    float window_width, window_center[2]; // of the image plane at distance 1, y up
-} sgsi_exr_film;
-
-sgsi_exr_film sgsi_exr_film_of(const sgs_exr_info *info);
-
 // A channel in the header.
 typedef struct sgsi_exr_column {
     const char *name;

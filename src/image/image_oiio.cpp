@@ -39,7 +39,6 @@
 
 extern "C" {
 #include "base/core.h"
-#include "image/exr_writer.h"
 #include "sparegs/runtime.h"
 }
 
@@ -561,23 +560,18 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, const
 namespace
 {
 
-// EXR uses row vectors: the transpose of the matrix for column vectors.
-void set_matrix(OIIO::ImageSpec &spec, const char *name, const double *matrix)
+// Channels and compression only. OpenEXR's DWA codes channels lossily whose name, without the
+// layer, is R, G, B, or Y, RY, BY: those of luma and chroma. The latter are renamed, because here Y
+// is an axis. The appended character keeps their order.
+OIIO::ImageSpec describe_dwaa(const sgs_exr_info &info, const sgs_exr_channel *channels, int count)
 {
-    float transposed[16];
-    for (int i = 0; i < 16 && matrix; ++i)
-        transposed[i] = float(matrix[4 * (i % 4) + i / 4]);
-    if (matrix)
-        spec.attribute(name, OIIO::TypeMatrix, transposed);
-}
-
-OIIO::ImageSpec describe_exr(const sgs_exr_info &info, const sgs_exr_channel *channels, int count)
-{
-    const float rec709[8] = {0.64F, 0.33F, 0.30F, 0.60F, 0.15F, 0.06F, 0.3127F, 0.3290F};
     OIIO::ImageSpec spec(info.width, info.height, count, OIIO::TypeDesc::FLOAT);
     spec.channelnames.clear();
     for (int k = 0; k < count; ++k) {
-        spec.channelnames.emplace_back(channels[k].name);
+        std::string name = channels[k].name;
+        if (name.back() == 'Y')
+            name += '\1';
+        spec.channelnames.push_back(name);
         spec.channelformats.push_back(channels[k].uints  ? OIIO::TypeDesc::UINT32
                                       : channels[k].half ? OIIO::TypeDesc::HALF
                                                          : OIIO::TypeDesc::FLOAT);
@@ -585,26 +579,6 @@ OIIO::ImageSpec describe_exr(const sgs_exr_info &info, const sgs_exr_channel *ch
             spec.alpha_channel = k;
     }
     spec.attribute("compression", "dwaa");
-    spec.attribute("oiio:ColorSpace", "Linear");
-    spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), rec709);
-    spec.attribute("Software", std::string("sparegs ") + sgs_version());
-    if (info.depth_definition)
-        spec.attribute("sparegs:depthDefinition", info.depth_definition);
-    if (info.view_name)
-        spec.attribute("sparegs:view", info.view_name);
-    set_matrix(spec, "worldToCamera", info.world_to_camera);
-    set_matrix(spec, "worldToNDC", info.world_to_ndc);
-    // OpenImageIO marks files with `envmap` as incomplete, so panoramas go without.
-    if (info.intrinsics) {
-        const sgsi_exr_film film = sgsi_exr_film_of(&info);
-        spec.attribute("pinholeFocalLength", film.focal_length);
-        spec.attribute("sensorOverallDimensions",
-                       OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, OIIO::TypeDesc::VEC2), film.size);
-        spec.attribute("screenWindowWidth", film.window_width);
-        spec.attribute("screenWindowCenter",
-                       OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, OIIO::TypeDesc::VEC2),
-                       film.window_center);
-    }
     return spec;
 }
 
@@ -623,7 +597,7 @@ sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info,
         if (!output || !output->supports("ioproxy") || !output->set_ioproxy(&memory))
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                              "%s: this build of OpenImageIO cannot write EXR", path);
-        const OIIO::ImageSpec spec = describe_exr(*info, channels, channel_count);
+        const OIIO::ImageSpec spec = describe_dwaa(*info, channels, channel_count);
         if (!output->open("memory.exr", spec))
             return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
                              one_line(output->geterror()).c_str());

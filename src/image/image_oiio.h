@@ -53,8 +53,10 @@ sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *cha
 sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, const char *description,
                                 uint8_t **bytes, size_t *size);
 
-// Encodes an EXR with DWAA compression, which OpenEXRCore supports from version 3.2, to new memory
-// (sgsi_free). Same header as sgs_exr_write. `path` is used in errors only.
+// Encodes channels, sorted by name, as an EXR with DWAA compression to new memory (sgsi_free), for
+// its chunks: OpenEXRCore compresses with DWAA only from version 3.2. The header has no attributes,
+// and the names of channels that end in Y are changed so that these channels stay lossless. Names
+// have at most 254 characters. `path` is used in errors only.
 sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info,
                                  const sgs_exr_channel *channels, int channel_count,
                                  uint8_t **bytes, size_t *size);

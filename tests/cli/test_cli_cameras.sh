@@ -152,6 +152,8 @@ check nothing_is_drawn bash -c 'oiiotool --stats "$0" | grep -q "Constant Color:
 # panoramas (the centre looks in the direction of the view)
 run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth -o "$temporary/around"
 check panorama_is_marked bash -c "exrheader '$temporary/around/0009.exr' | grep -q 'envmap (type envmap): latitude-longitude map'"
+run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba --compression dwaa -o "$temporary/dwaa"
+check panorama_is_marked_with_dwaa bash -c "exrheader '$temporary/dwaa/0009.exr' | grep -q 'envmap (type envmap): latitude-longitude map'"
 check twice_as_wide test "$(size_of "$temporary/around/0009.exr")" = 96x48
 run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --aov rgba,depth --reference -o "$temporary/exact"
 check reference_agrees_all_around oiiotool --fail 0.002 --hardfail 0.1 --failpercent 1 "$temporary/around/0009.exr" --ch R,G,B,A \

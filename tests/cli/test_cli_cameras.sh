@@ -21,9 +21,19 @@ check four_frames test "$(pictures "$temporary/orbit" exr)" = \
 check frames_differ bash -c "! oiiotool --fail 0.01 '$temporary/orbit/orbit_00000.exr' '$temporary/orbit/orbit_00002.exr' --diff"
 run 0 render "$model" "$room" --orbit 4 --frames 1-3:2 --aov rgba --save-cameras chan,usda -o "$temporary/some"
 check every_second test "$(pictures "$temporary/some" exr)" = 'orbit_00001.exr orbit_00003.exr '
-check chan_has_frame_numbers test "$(cut -f 1 "$temporary/some/cameras.chan" | tr '\n' ' ')" = '1 3 '
+check chan_has_frame_numbers test "$(cut -f 1 "$temporary/some/cameras.chan" | tr '\n' ' ')" = '0 1 2 3 '
 check usda_has_frame_numbers test "$(grep -oE '^        [0-9]+: \(\(|(start|end)TimeCode = [0-9]+' "$temporary/some/cameras.usda" |
-    tr -d ':( \n')" = startTimeCode=1endTimeCode=313
+    tr -d ':( \n')" = startTimeCode=0endTimeCode=30123
+# parts_of_a_sequence_write_the_same_cameras (those of the whole path, with their own numbers)
+mkdir "$temporary/whole"
+for frames in 0-3 0-1 2-3; do
+    run 0 render "$model" "$room" --orbit 4 --frames $frames --size 32x20 --aov rgba --save-cameras json,chan,usda -o "$temporary/parts"
+    cp -n "$temporary/parts"/cameras.* "$temporary/whole"
+    for kind in json chan usda; do
+        check "cameras.$kind of $frames" cmp "$temporary/whole/cameras.$kind" "$temporary/parts/cameras.$kind"
+    done
+done
+json "$temporary/parts/cameras.json" 'map([.id, .img_name]) == [range(4) | [., "orbit_0000\(.)"]]'
 check same_frame oiiotool --fail 0 "$temporary/orbit/orbit_00003.exr" "$temporary/some/orbit_00003.exr" --diff
 run 0 render "$model" "$room" --spiral 3 --frames 2 --size 50x40 --aov rgba -o "$temporary/spiral"
 check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '
@@ -138,6 +148,9 @@ jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.
 run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -o "$temporary/names/inner"
 (cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
 check each_view_has_a_file test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
+
+run 0 render "$model" --camera "$temporary/names.json" --frames 1-2 --size 20x15 --aov rgba -o "$temporary/part_of_names"
+check parts_have_the_names_of_the_whole test "$(pictures "$temporary/part_of_names" exr)" = 'a.png.exr b.exr '
 
 run 0 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba --json -o "$temporary/listed"
 json "$temporary/stdout" '.files | length == 3 and (.[0] | endswith("cameras.json")) and all(.[1:][]; endswith(".exr"))'

@@ -64,15 +64,11 @@ static void chan_line(FILE *out, const named_camera *camera, size_t frame)
             2 * atan2(0.5 * camera->camera.height, fy) * 180 / PI);
 }
 
-static size_t frame_number(const camera_frames *frames, size_t camera)
+static void write_chan(FILE *out, const camera_list *list, double fps)
 {
-    return frames->first + camera * frames->step;
-}
-
-static void write_chan(FILE *out, const camera_list *list, const camera_frames *frames)
-{
+    (void)fps; // not in this format
     for (size_t i = 0; i < list->count; ++i)
-        chan_line(out, &list->cameras[i], frame_number(frames, i));
+        chan_line(out, &list->cameras[i], i);
 }
 
 // Values of a camera in USD's terms.
@@ -92,32 +88,31 @@ static film film_of(const sgs_camera *camera)
                   .offset_y = (cy / camera->height - 0.5) * height};
 }
 
-static void usd_samples(FILE *out, const camera_list *list, const camera_frames *frames,
-                        const char *name, size_t offset)
+static void usd_samples(FILE *out, const camera_list *list, const char *name, size_t offset)
 {
     fprintf(out, "    float %s.timeSamples = {\n", name);
     for (size_t i = 0; i < list->count; ++i) {
         const film values = film_of(&list->cameras[i].camera);
         double value;
         memcpy(&value, (const char *)&values + offset, sizeof value);
-        fprintf(out, "        %zu: %.9g,\n", frame_number(frames, i), value);
+        fprintf(out, "        %zu: %.9g,\n", i, value);
     }
     fputs("    }\n", out);
 }
 
-static void write_usda(FILE *out, const camera_list *list, const camera_frames *frames)
+static void write_usda(FILE *out, const camera_list *list, double fps)
 {
     fprintf(out,
-            "#usda 1.0\n(\n    defaultPrim = \"camera\"\n    startTimeCode = %zu\n"
+            "#usda 1.0\n(\n    defaultPrim = \"camera\"\n    startTimeCode = 0\n"
             "    endTimeCode = %zu\n    timeCodesPerSecond = %.9g\n    framesPerSecond = %.9g\n"
             "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n\ndef Camera \"camera\"\n{\n"
             "    token projection = \"perspective\"\n    float2 clippingRange = (0.01, 100000)\n",
-            frames->first, frame_number(frames, list->count - 1), frames->fps, frames->fps);
-    usd_samples(out, list, frames, "focalLength", offsetof(film, focal));
-    usd_samples(out, list, frames, "horizontalAperture", offsetof(film, width));
-    usd_samples(out, list, frames, "verticalAperture", offsetof(film, height));
-    usd_samples(out, list, frames, "horizontalApertureOffset", offsetof(film, offset_x));
-    usd_samples(out, list, frames, "verticalApertureOffset", offsetof(film, offset_y));
+            list->count - 1, fps, fps);
+    usd_samples(out, list, "focalLength", offsetof(film, focal));
+    usd_samples(out, list, "horizontalAperture", offsetof(film, width));
+    usd_samples(out, list, "verticalAperture", offsetof(film, height));
+    usd_samples(out, list, "horizontalApertureOffset", offsetof(film, offset_x));
+    usd_samples(out, list, "verticalApertureOffset", offsetof(film, offset_y));
     fputs("    matrix4d xformOp:transform.timeSamples = {\n", out);
     for (size_t i = 0; i < list->count; ++i) { // row vectors: a row is an axis
         double a[9], c[3];
@@ -126,20 +121,19 @@ static void write_usda(FILE *out, const camera_list *list, const camera_frames *
         fprintf(out,
                 "        %zu: ((%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 0), "
                 "(%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 1)),\n",
-                frame_number(frames, i), a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0],
-                c[1], c[2]);
+                i, a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0], c[1], c[2]);
     }
     fputs("    }\n    uniform token[] xformOpOrder = [\"xformOp:transform\"]\n}\n", out);
 }
 
-static bool write_with(const char *path, const camera_list *list, const camera_frames *frames,
-                       void (*write)(FILE *, const camera_list *, const camera_frames *))
+static bool write_with(const char *path, const camera_list *list, double fps,
+                       void (*write)(FILE *, const camera_list *, double))
 {
     char *text = NULL;
     size_t size;
     FILE *memory = open_memstream(&text, &size);
     if (memory)
-        write(memory, list, frames);
+        write(memory, list, fps);
     if (!memory || fclose(memory)) {
         free(text);
         fail_run("%s: no memory for %zu cameras", path, list->count);
@@ -163,8 +157,7 @@ static bool are_perspective(const char *folder, const camera_list *list)
     return true;
 }
 
-bool cameras_export(const char *folder, unsigned formats, const camera_list *list,
-                    const camera_frames *frames)
+bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps)
 {
     if (!list->count ||
         ((formats & (CAMERAS_CHAN | CAMERAS_USDA)) && !are_perspective(folder, list)))
@@ -177,10 +170,9 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
                                  format == CAMERAS_JSON   ? "json"
                                  : format == CAMERAS_CHAN ? "chan"
                                                           : "usda");
-        done =
-            format == CAMERAS_JSON
-                ? write_cameras_json(path, list)
-                : write_with(path, list, frames, format == CAMERAS_CHAN ? write_chan : write_usda);
+        done = format == CAMERAS_JSON
+                   ? write_cameras_json(path, list)
+                   : write_with(path, list, fps, format == CAMERAS_CHAN ? write_chan : write_usda);
         if (done)
             report_file(path);
         free(path);

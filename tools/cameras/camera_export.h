@@ -10,16 +10,10 @@
 
 enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
 
-// Frame numbers in .chan and .usda: camera n, counted from 0, is frame first + n step.
-typedef struct camera_frames {
-    size_t first, step; // step > 0
-    double fps;         // > 0
-} camera_frames;
-
-// Writes FOLDER/cameras.json, .chan, .usda for the bits of `formats`. False after printing the
-// error, also for cameras that are not perspective where .chan or .usda is wanted.
-bool cameras_export(const char *folder, unsigned formats, const camera_list *list,
-                    const camera_frames *frames);
+// Writes FOLDER/cameras.json, .chan, .usda for the bits of `formats`. Frames and ids are positions
+// in the list; fps, frames per second (> 0), is that of .usda. False after printing the error, also
+// for cameras that are not perspective where .chan or .usda is wanted.
+bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps);
 
 // The pinhole part of a camera, for files of models. name is borrowed. Returns true if the camera
 // has lens distortion, which is omitted.

@@ -83,13 +83,12 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
     return false;
 }
 
-// Keeps the cameras whose index satisfies `kept`.
-static void filter(camera_list *list, const camera_choice *choice,
-                   bool (*kept)(const camera_choice *, const char *, size_t))
+// Keeps cameras first, first + step, ... up to last, counted from 0.
+static void keep_range(camera_list *list, size_t first, size_t last, size_t step)
 {
     size_t count = 0;
     for (size_t i = 0; i < list->count; ++i) {
-        if (kept(choice, list->cameras[i].name, i))
+        if (i >= first && i <= last && (i - first) % step == 0)
             list->cameras[count++] = list->cameras[i];
         else
             named_camera_free(&list->cameras[i]);
@@ -97,18 +96,19 @@ static void filter(camera_list *list, const camera_choice *choice,
     list->count = count;
 }
 
-static bool is_view(const camera_choice *choice, const char *name, size_t index)
+void cameras_keep_frames(const frame_range *range, camera_list *list)
 {
-    (void)index;
-    return !strcmp(choice->view, name);
+    if (range->step)
+        keep_range(list, (size_t)range->first, (size_t)range->last, (size_t)range->step);
 }
 
-static bool in_frames(const camera_choice *choice, const char *name, size_t index)
+// Keeps the camera of this name, or none.
+static void keep_named(camera_list *list, const char *name)
 {
-    (void)name;
-    const frame_range *range = &choice->frames;
-    const long from_first = (long)index - range->first;
-    return from_first >= 0 && (long)index <= range->last && from_first % range->step == 0;
+    size_t i = 0;
+    while (i < list->count && strcmp(list->cameras[i].name, name))
+        ++i;
+    keep_range(list, i, i, 1);
 }
 
 // Cameras of a COLMAP model or another data set, without its photographs.
@@ -139,7 +139,7 @@ static bool file_cameras(const camera_choice *choice, camera_list *list)
     if (!camera_file_read(choice->file, list))
         return false;
     if (choice->view)
-        filter(list, choice, is_view);
+        keep_named(list, choice->view);
     if (list->count)
         return true;
     fail_run("%s: no camera named '%s'", choice->file, choice->view);
@@ -178,20 +178,22 @@ static bool name_files(camera_list *list)
     return stems != NULL;
 }
 
+static bool frames_exist(const frame_range *range, size_t count)
+{
+    if (range->step && (size_t)range->first >= count) {
+        fail_run("--frames: out of range; the frames are 0 to %zu", count - 1);
+        return false;
+    }
+    if (range->step && (size_t)range->last >= count)
+        print_warning("--frames: partly out of range; the frames are 0 to %zu", count - 1);
+    return true;
+}
+
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
     *list = (camera_list){0};
-    bool done = source_cameras(choice, scene, list);
-    const size_t count = list->count;
-    if (done && choice->frames.step) {
-        filter(list, choice, in_frames);
-        done = list->count > 0;
-        if (!done)
-            fail_run("--frames: out of range; the frames are 0 to %zu", count - 1);
-        else if ((size_t)choice->frames.last >= count)
-            print_warning("--frames: partly out of range; the frames are 0 to %zu", count - 1);
-    }
-    if (!done || !name_files(list)) {
+    if (!source_cameras(choice, scene, list) || !frames_exist(&choice->frames, list->count) ||
+        !name_files(list)) {
         camera_list_free(list);
         return false;
     }

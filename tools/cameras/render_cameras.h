@@ -3,7 +3,7 @@
 #pragma once
 
 // The cameras of `render` and `profile`: views of a scene, a camera file or a path around the
-// scene, optionally reduced to a range of frames, at another size or as panoramas.
+// scene, optionally at another size or as panoramas, and ranges of them.
 
 #include "cameras/camera_file.h"
 #include "sparegs/scene.h"
@@ -31,6 +31,8 @@ bool frame_range_parse(const char *text, frame_range *range);
 // "WIDTHxHEIGHT", each from 1 to 65536.
 bool size_parse(const char *text, int *width, int *height);
 
-// Selects cameras and assigns their file stems. scene may be NULL with a file. False after printing
-// the error.
+// Selects cameras and assigns their file stems; includes those outside of `frames`, which must have
+// a camera in the list. scene may be NULL with a file. False after printing the error.
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list);
+// Reduces the list to the cameras of `range`.
+void cameras_keep_frames(const frame_range *range, camera_list *list);

@@ -132,7 +132,9 @@ static const option render_options[] = {
      .argument = "json,chan,usda",
      .shown = "json with --orbit or --spiral",
      .needs = "output",
-     .help = "also write the cameras to DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD)"},
+     .help = "also write the cameras to DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD); those "
+             "of all "
+             "frames, whatever --frames"},
     {.name = "frames",
      .kind = OPTION_TEXT,
      .offset = AT(frames),
@@ -443,9 +445,10 @@ static bool describe_cameras(FILE *out, const void *context)
     return true;
 }
 
-static bool render_model(const command_line *line, const model_path *located,
-                         const camera_list *cameras, const frame_range *range,
-                         drawing_values *drawing, const render_values *values)
+// Exports all cameras, then reduces them to those of `range` and renders these.
+static bool render_model(const command_line *line, const model_path *located, camera_list *cameras,
+                         const frame_range *range, drawing_values *drawing,
+                         const render_values *values)
 {
     sgs_gaussians *model = NULL;
     if (!model_read(located, drawing, &model))
@@ -462,10 +465,8 @@ static bool render_model(const command_line *line, const model_path *located,
     if (!formats && values->output && (values->orbit || values->spiral))
         formats = CAMERAS_JSON;
     const bool exports = formats && group_leads();
-    const camera_frames frames = {.first = range->step ? (size_t)range->first : 0,
-                                  .step = range->step ? (size_t)range->step : 1,
-                                  .fps = options.fps};
-    bool done = !exports || cameras_export(values->output, formats, cameras, &frames);
+    bool done = !exports || cameras_export(values->output, formats, cameras, options.fps);
+    cameras_keep_frames(range, cameras);
     json_t *before = group_ranks() ? reported_files_take() : NULL;
     done = group_all(done) &&
            find_regions(line->operands[0], located->iteration, model, &regions, &options.aovs) &&

@@ -77,6 +77,9 @@ typedef struct sgs_scene_options {
     double white_point;
     // Do not look for photographs whose camera size the model gives. Requires load_images false.
     bool cameras_only;
+    // With cameras_only: size in pixels, before downscaling, of views without a size in the camera
+    // file or a readable photograph. 0 = such views are skipped.
+    int view_width, view_height;
     // Exact names of held-out views, replacing test_every and test_images, for example as recorded
     // by a run. Names without a view are ignored. NULL = no list; an empty list holds out nothing.
     const char *const *held_out;
@@ -196,8 +199,11 @@ SGS_API sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const s
 // advance, unless it is in memory. Cannot fail.
 SGS_API void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
 
-// Index of the view of this name (compared exactly, then without folder, then without extension),
-// or -1. Cannot fail.
+// How `name` denotes a view: 0 exactly, 1 without folder, 2 without extension, -1 not at all.
+// Cannot fail.
+SGS_API int sgs_view_name_match(const char *view_name, const char *name);
+
+// Index of the view with the least such match, or -1. Cannot fail.
 SGS_API ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
 
 typedef struct sgs_named_camera {

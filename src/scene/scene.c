@@ -151,20 +151,20 @@ static bool cameras_only(const loader *l)
     return l->options->cameras_only && !l->options->load_images;
 }
 
+static void set_size(const loader *l, slot *s, int width, int height)
+{
+    s->file_width = width;
+    s->file_height = height;
+    reduced_size(l->options->downscale, s);
+}
+
 // Reads size and format of the photograph. If its pixels are not loaded, also checks that the file
 // is complete.
-static void probe(const loader *l, size_t i)
+static void probe_photo(const loader *l, size_t i)
 {
     slot *s = &l->slots[i];
     const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
     sgsi_image_info info = {0};
-    const sgs_camera *camera = &l->dataset.frames[i].camera;
-    if (cameras_only(l) && camera->width > 0) {
-        s->file_width = camera->width;
-        s->file_height = camera->height;
-        reduced_size(l->options->downscale, s);
-        return;
-    }
     s->status = sgsi_roots_check(&l->roots, path);
     if (!s->status && mask)
         s->status = sgsi_roots_check(&l->roots, mask);
@@ -176,14 +176,31 @@ static void probe(const loader *l, size_t i)
         s->status = sgsi_image_check_complete(path);
     if (!s->status)
         s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);
-    s->file_width = info.width;
-    s->file_height = info.height;
+    set_size(l, s, info.width, info.height);
     s->channels = info.channels;
     s->linear = info.linear;
-    reduced_size(l->options->downscale, s);
     s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
     s->halves = !sgsi_photo_is_8bit(&info, l->options->space);
     keep_error(s);
+}
+
+// Without photographs, the size is that of the camera or else that of the options.
+static void probe(const loader *l, size_t i)
+{
+    slot *s = &l->slots[i];
+    const sgs_camera *camera = &l->dataset.frames[i].camera;
+    if (cameras_only(l) && camera->width > 0) {
+        set_size(l, s, camera->width, camera->height);
+        return;
+    }
+    probe_photo(l, i);
+    const bool is_given = l->options->view_width > 0 && l->options->view_height > 0;
+    if (cameras_only(l) && is_given && s->status && s->status != SGS_STATUS_OUT_OF_MEMORY) {
+        sgsi_free(s->error);
+        s->error = NULL;
+        s->status = SGS_STATUS_OK;
+        set_size(l, s, l->options->view_width, l->options->view_height);
+    }
 }
 
 static void probe_view(void *context, size_t i, int thread)
@@ -483,15 +500,23 @@ typedef struct view_tally {
     bool downscaled;
 } view_tally;
 
-// Errors that do not merely skip a view: out of memory, a bad mask, an unknown colorspace.
+// Errors that do not merely skip a view: out of memory, a bad mask, an unknown colorspace, cameras
+// without any size.
 static sgs_status check_fatal(const loader *l)
 {
+    size_t failed = 0;
     for (size_t i = 0; i < l->scene->view_count; ++i) {
         const slot *s = &l->slots[i];
+        failed += s->status != SGS_STATUS_OK;
         if (s->status == SGS_STATUS_OUT_OF_MEMORY || s->report.mask_failed ||
             (s->status == SGS_STATUS_UNSUPPORTED && l->options->colorspace))
             return sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
     }
+    if (cameras_only(l) && failed == l->scene->view_count)
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: no image size, and no photographs to take it from; add 'w' and 'h', "
+                         "or give it with option view_width",
+                         l->scene->model_path);
     return SGS_STATUS_OK;
 }
 

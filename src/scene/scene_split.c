@@ -29,8 +29,7 @@ static const char *base_name(const char *name)
     return slash ? slash + 1 : name;
 }
 
-// Quality of a match: 0 exact, 1 without folder, 2 without extension, -1 no match.
-static int match_level(const char *view_name, const char *name)
+int sgs_view_name_match(const char *view_name, const char *name)
 {
     const char *base = base_name(view_name);
     const char *dot = strrchr(base, '.');
@@ -50,7 +49,7 @@ ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name)
 {
     for (int level = 0; level < 3; ++level) {
         for (size_t i = 0; i < scene->view_count; ++i) {
-            if (match_level(scene->views[i].name, name) == level)
+            if (sgs_view_name_match(scene->views[i].name, name) == level)
                 return (ptrdiff_t)i;
         }
     }
@@ -109,9 +108,9 @@ static sgs_status hold_out(sgs_scene *scene, const char *name)
     if (found < 0)
         return unknown_test_image(scene, name);
     // A name without folder may match several views; all of them are held out.
-    const int level = match_level(scene->views[found].name, name);
+    const int level = sgs_view_name_match(scene->views[found].name, name);
     for (size_t i = 0; i < scene->view_count; ++i) {
-        if (match_level(scene->views[i].name, name) == level)
+        if (sgs_view_name_match(scene->views[i].name, name) == level)
             scene->views[i].split = SGS_SPLIT_TEST;
     }
     return SGS_STATUS_OK;

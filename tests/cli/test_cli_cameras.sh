@@ -271,6 +271,42 @@ reports bin_that_is_not_there
 run 1 render "$model" --camera "$temporary/orbit" -o "$temporary/none"
 one_line
 
+# views_of_a_camera_file_have_short_names (like those of a scene)
+jq '.[0:3] | .[0].img_name = "left/IMG_1.jpg" | .[1].img_name = "IMG_1" | .[2].img_name = "left/IMG_2.jpg"' \
+    "$model/cameras.json" >"$temporary/named.json"
+for pair in 'IMG_2 left/IMG_2' 'IMG_2.jpg left/IMG_2' 'left/IMG_2.jpg left/IMG_2' 'IMG_1 IMG_1' 'IMG_1.jpg left/IMG_1'; do
+    rm -rf "$temporary/by_name"
+    run 0 render "$model" --camera "$temporary/named.json" --view "${pair% *}" --size 20x15 --aov rgba -o "$temporary/by_name"
+    check "one_view_named ${pair% *}" test "$(cd "$temporary/by_name" && find . -type f)" = "./${pair#* }.exr"
+done
+run 1 render "$model" --camera "$temporary/named.json" --view IMG_3 -o "$temporary/none"
+one_line
+reports "named.json: no view named 'IMG_3' (did you mean 'IMG_1'?)"
+
+# cameras_without_a_size (NeRF synthetic: a horizontal angle only; here 2 atan(1/2))
+jq '{camera_angle_x: 0.9272952180016122, frames: [.frames[] | {file_path: "./train/r_0", transform_matrix}]}' \
+    "$temporary/transforms.json" >"$temporary/sizeless.json"
+run 0 render "$model" --camera "$temporary/sizeless.json" --size 64x48 --aov rgba --save-cameras json -o "$temporary/sized"
+json "$temporary/sized/cameras.json" '.[0] | .width == 64 and .height == 48 and .cx == 32 and .cy == 24 and
+    ([.fx, .fy] | all(. - 64 | fabs < 1e-4))'
+run 1 render "$model" --camera "$temporary/sizeless.json" --aov rgba -o "$temporary/none"
+one_line
+reports "sizeless.json: no image size"
+reports "add 'w' and 'h', or give it with --size"
+
+# paths_need_no_photographs
+run 0 render "$model" "$temporary/colmap" --orbit 3 --frames 1 --size 40x30 --aov rgba -o "$temporary/no_photos"
+run 0 render "$model" "$room" --orbit 3 --frames 1 --size 40x30 --aov rgba -o "$temporary/with_photos"
+check same_path cmp "$temporary/no_photos/cameras.json" "$temporary/with_photos/cameras.json"
+check same_picture oiiotool --fail 0 "$temporary/no_photos/orbit_00001.exr" "$temporary/with_photos/orbit_00001.exr" --diff
+run 0 render "$model" "$temporary/colmap" --spiral 2 --frames 0 --size 40x30 --aov rgba -o "$temporary/no_photos"
+run 1 render "$model" "$temporary/colmap" --orbit 3 --images images -o "$temporary/none"
+one_line
+reports "no image folder 'images'"
+run 1 render "$model" "$temporary/nowhere" --orbit 3 -o "$temporary/none"
+one_line
+reports nowhere
+
 # videos (a replacement for ffmpeg counts its input)
 mkdir "$temporary/bin"
 cat >"$temporary/bin/ffmpeg" <<'EOF'

@@ -531,6 +531,41 @@ static void nerf_synthetic_scenes_have_a_white_background(void **state)
     tree_remove(&folder);
 }
 
+// NeRF synthetic files hold an angle only: the focal length follows from the width that is given.
+static void cameras_without_a_size_take_the_given_one(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    char text[1024];
+    snprintf(text, sizeof text, synthetic, "train", "train");
+    tree_put_text(&folder, "transforms.json", text);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.load_images = false;
+    options.cameras_only = true;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
+    assert_holds(sgs_last_error(), "transforms.json: no image size");
+    assert_holds(sgs_last_error(), "add 'w' and 'h'");
+    assert_string_equal(warnings, "");
+    options.view_width = 60;
+    options.view_height = 40;
+    for (int photos = 0; photos < 2; ++photos) { // the first view's photograph has a size
+        scene = load(folder.path, &options);
+        assert_int_equal(scene->view_count, 2);
+        for (int i = 0; i < 2; ++i) {
+            const sgs_camera *camera = &scene->views[i].camera;
+            const int width = photos && !i ? 20 : 60, height = photos && !i ? 10 : 40;
+            assert_true(camera->width == width && camera->height == height);
+            assert_true(fabs(camera->params[0] - 0.5 * width) < 1e-12 && // 90 degrees
+                        fabs(camera->params[1] - 0.5 * width) < 1e-12);
+            assert_true(camera->params[2] == 0.5 * width && camera->params[3] == 0.5 * height);
+        }
+        sgs_scene_destroy(scene);
+        tree_put_picture(&folder, "train/r_0.png", 20, 10, 4, glass);
+    }
+    tree_remove(&folder);
+}
+
 static void nerfstudio_scenes_take_other_image_folders(void **state)
 {
     (void)state;
@@ -712,6 +747,7 @@ int main(void)
         cmocka_unit_test_setup(views_are_found_by_name, warnings_begin),
         cmocka_unit_test_setup(extent_is_measured_from_the_training_cameras, warnings_begin),
         cmocka_unit_test_setup(nerf_synthetic_scenes_have_a_white_background, warnings_begin),
+        cmocka_unit_test_setup(cameras_without_a_size_take_the_given_one, warnings_begin),
         cmocka_unit_test_setup(nerfstudio_scenes_take_other_image_folders, warnings_begin),
         cmocka_unit_test_setup(result_does_not_depend_on_threads, warnings_begin),
         cmocka_unit_test_setup(bundled_scene_is_equal_in_both_formats, warnings_begin),

@@ -47,42 +47,6 @@ bool size_parse(const char *text, int *width, int *height)
            parse_number(&at, 1, 65536, height) && !*at;
 }
 
-static bool missing_view(const sgs_scene *scene, const char *view)
-{
-    const char **names = calloc(scene->view_count + 1, sizeof *names);
-    for (size_t i = 0; names && i < scene->view_count; ++i)
-        names[i] = scene->views[i].name;
-    char near[SUGGESTION_LENGTH];
-    fail_run("%s: no view named '%s'%s", scene->path, view,
-             suggestion(near, "", view, names, names ? scene->view_count : 0));
-    free(names);
-    return false;
-}
-
-static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
-{
-    const ptrdiff_t wanted = choice->view ? sgs_scene_find_view(scene, choice->view) : -1;
-    if (choice->view && wanted < 0)
-        return missing_view(scene, choice->view);
-    const sgs_split split = choice->split_given || scene_split_count(scene, choice->split)
-                                ? choice->split
-                                : SGS_SPLIT_ALL;
-    list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
-    for (size_t v = 0; v < scene->view_count && list->cameras; ++v) {
-        const sgs_view *view = &scene->views[v];
-        if (choice->view ? (ptrdiff_t)v != wanted : !view_in_split(view, split))
-            continue;
-        list->cameras[list->count++] = (named_camera){
-            .name = format_text("%s", view->name), .camera = view->camera, .pose = view->pose};
-    }
-    if (list->count)
-        return true;
-    fail_run(
-        "%s: no views in this split; hold images out with --eval, --test-every or --test-images",
-        scene->path);
-    return false;
-}
-
 // Keeps cameras first, first + step, ... up to last, counted from 0.
 static void keep_range(camera_list *list, size_t first, size_t last, size_t step)
 {
@@ -102,13 +66,55 @@ void cameras_keep_frames(const frame_range *range, camera_list *list)
         keep_range(list, (size_t)range->first, (size_t)range->last, (size_t)range->step);
 }
 
-// Keeps the camera of this name, or none.
-static void keep_named(camera_list *list, const char *name)
+static bool missing_view(const char *path, const char *view, const camera_list *list)
 {
-    size_t i = 0;
-    while (i < list->count && strcmp(list->cameras[i].name, name))
-        ++i;
-    keep_range(list, i, i, 1);
+    const char **names = calloc(list->count + 1, sizeof *names);
+    for (size_t i = 0; names && i < list->count; ++i)
+        names[i] = list->cameras[i].name;
+    char near[SUGGESTION_LENGTH];
+    fail_run("%s: no view named '%s'%s", path, view,
+             suggestion(near, "", view, names, names ? list->count : 0));
+    free(names);
+    return false;
+}
+
+// Keeps the camera that `view` denotes; NULL: all. `path` is that of the cameras.
+static bool keep_view(const char *path, const char *view, camera_list *list)
+{
+    size_t best = 0;
+    int least = -1;
+    for (size_t i = 0; view && i < list->count; ++i) {
+        const int match = sgs_view_name_match(list->cameras[i].name, view);
+        if (match >= 0 && (least < 0 || match < least)) {
+            least = match;
+            best = i;
+        }
+    }
+    if (view && least < 0)
+        return missing_view(path, view, list);
+    if (view)
+        keep_range(list, best, best, 1);
+    return true;
+}
+
+static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
+{
+    const sgs_split split = choice->split_given || scene_split_count(scene, choice->split)
+                                ? choice->split
+                                : SGS_SPLIT_ALL;
+    list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
+    for (size_t v = 0; v < scene->view_count && list->cameras; ++v) {
+        const sgs_view *view = &scene->views[v];
+        if (choice->view || view_in_split(view, split))
+            list->cameras[list->count++] = (named_camera){
+                .name = format_text("%s", view->name), .camera = view->camera, .pose = view->pose};
+    }
+    if (list->cameras && list->count)
+        return keep_view(scene->path, choice->view, list);
+    fail_run(
+        "%s: no views in this split; hold images out with --eval, --test-every or --test-images",
+        scene->path);
+    return false;
 }
 
 // Cameras of a COLMAP model or another data set, without its photographs.
@@ -118,6 +124,8 @@ static bool data_set_cameras(const camera_choice *choice, camera_list *list)
     options.load_images = false;
     options.cameras_only = true;
     options.downscale = 1;
+    options.view_width = choice->width;
+    options.view_height = choice->height;
     sgs_scene *scene = NULL;
     if (sgs_scene_load(choice->file, &options, &scene)) {
         fail_library();
@@ -136,14 +144,7 @@ static bool file_cameras(const camera_choice *choice, camera_list *list)
     if ((!stat(choice->file, &status) && S_ISDIR(status.st_mode)) ||
         camera_file_is_scene(choice->file))
         return data_set_cameras(choice, list);
-    if (!camera_file_read(choice->file, list))
-        return false;
-    if (choice->view)
-        keep_named(list, choice->view);
-    if (list->count)
-        return true;
-    fail_run("%s: no camera named '%s'", choice->file, choice->view);
-    return false;
+    return camera_file_read(choice->file, list) && keep_view(choice->file, choice->view, list);
 }
 
 static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)

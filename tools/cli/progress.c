@@ -64,11 +64,9 @@ static void print_line(const char *prefix, const char *format, bool is_error, va
 // Fields of sgs_scene_options and sgs_render_options whose flags have other names.
 static const struct {
     const char *field, *flag;
-} renamed_fields[] = {{"images_dir", "images"},
-                      {"masks_dir", "masks"},
-                      {"colorspace", "input-colorspace"},
-                      {"invert_masks", "invert-masks"},
-                      {"downscale", "downscale"}};
+} renamed_fields[] = {{"images_dir", "images"},           {"masks_dir", "masks"},
+                      {"colorspace", "input-colorspace"}, {"invert_masks", "invert-masks"},
+                      {"downscale", "downscale"},         {"view_width", "size"}};
 
 // Writes the flag of a field with its dashes; false if the field has none.
 static bool flag_of_field(const char *field, char flag[48])

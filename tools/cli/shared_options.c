@@ -246,7 +246,19 @@ bool scene_open_was_cancelled(void)
     return loading_cancelled;
 }
 
-sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images)
+// The cameras alone, after a failure to load the scene with its photographs.
+static sgs_status load_cameras(const char *path, sgs_scene_options *options, sgs_scene **scene)
+{
+    options->cameras_only = true;
+    const sgs_status status = sgs_scene_load(path, options, scene);
+    if (!status)
+        print_note("%s: no photographs; the views have the size of their cameras", path);
+    return status;
+}
+
+// with_photos: fails without them, as a load of images does.
+static sgs_scene *open_scene(const char *path, const scene_values *values, bool load_images,
+                             bool with_photos, int width, int height)
 {
     sgs_scene_options options = sgs_scene_options_default();
     const char **held_out = values->held_out ? json_strings(values->held_out) : NULL;
@@ -269,8 +281,12 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     options.white_point = values->white_point;
     options.image_cache = (size_t)values->cache_bytes;
     options.progress = show_loading;
+    options.view_width = width;
+    options.view_height = height;
     sgs_scene *scene = NULL;
-    const sgs_status status = sgs_scene_load(path, &options, &scene);
+    sgs_status status = sgs_scene_load(path, &options, &scene);
+    if (status == SGS_STATUS_IO && !with_photos)
+        status = load_cameras(path, &options, &scene);
     progress_end();
     loading_cancelled = status == SGS_STATUS_CANCELLED;
     if (status && !loading_cancelled)
@@ -278,6 +294,16 @@ sgs_scene *scene_open(const char *path, const scene_values *values, bool load_im
     free(held_out);
     free(kept);
     return scene;
+}
+
+sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images)
+{
+    return open_scene(path, values, load_images, true, 0, 0);
+}
+
+sgs_scene *scene_open_cameras(const char *path, const scene_values *values, int width, int height)
+{
+    return open_scene(path, values, false, false, width, height);
 }
 
 void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const command_line *line)

@@ -65,7 +65,10 @@ int model_scene_resolve(scene_values *values, const command_line *line, const js
     }
 // Loads the scene; NULL after printing the error, or when a signal ended the loading.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
-// True when a signal ended the last scene_open.
+// The same without images, and without an error if there are no photographs. width, height: size of
+// views for which neither camera file nor photograph gives one, or 0.
+sgs_scene *scene_open_cameras(const char *path, const scene_values *values, int width, int height);
+// True when a signal ended the last of these calls.
 bool scene_open_was_cancelled(void);
 // Warns about options that have no effect on a scene whose images are loaded.
 void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const command_line *line);

@@ -90,7 +90,8 @@ static const option render_options[] = {
      .shown = "none",
      .help =
          "use the cameras of this cameras.json, transforms.json, nerfstudio camera path or COLMAP "
-         "model folder instead of a SCENE; photographs are not needed"},
+         "model folder instead of a SCENE; photographs are not needed, --size replaces a missing "
+         "image size"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),
@@ -477,6 +478,17 @@ static bool render_model(const command_line *line, const model_path *located, ca
     return done;
 }
 
+// Paths do not need photographs, unless --images names their folder.
+static sgs_scene *open_scene(const command_line *line, const camera_choice *choice,
+                             const scene_values *data)
+{
+    const char *path = line->operands[1];
+    const bool is_path = choice->orbit || choice->spiral;
+    return is_path && !option_given(line, "images")
+               ? scene_open_cameras(path, data, choice->width, choice->height)
+               : scene_open(path, data, false);
+}
+
 static int run_render(const command_line *line, const render_values *values,
                       const camera_choice *choice, scene_values *data, drawing_values *drawing)
 {
@@ -487,7 +499,7 @@ static int run_render(const command_line *line, const render_values *values,
     if (status < 0)
         status = model_scene_resolve(data, line, located.config);
     if (status < 0 && !values->camera) {
-        scene = scene_open(line->operands[1], data, false);
+        scene = open_scene(line, choice, data);
         status = scene ? -1 : EXIT_FAILED;
     }
     if (status < 0 && !cameras_choose(choice, scene, &cameras))

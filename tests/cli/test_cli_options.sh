@@ -60,7 +60,7 @@ merge: output seam-images seam-reference overwrite images downscale eval test-ev
 merge: alpha image-cache input-colorspace train-space white threads isa seed json quiet
 eval: split save run lpips filter compact-box background near images downscale eval test-every test-images masks invert-masks
 eval: alpha image-cache input-colorspace train-space white threads isa seed json quiet
-render: output video view split camera orbit spiral frames size projection spp aperture deep reference filter
+render: output video view split camera orbit spiral frames size projection deep reference filter
 render: compact-box background near images downscale eval test-every test-images masks invert-masks alpha image-cache
 render: input-colorspace train-space white threads isa seed json quiet
 view: port address token export filter compact-box background near images downscale eval test-every test-images masks

@@ -166,6 +166,34 @@ reports "--depth-range requires --format png"
 run 2 render "$model" "$room" --depth-range 1:2 --format png --aov rgba -o "$temporary/none"
 reports "--depth-range requires --aov depth"
 
+# options_of_colours_require_colours (spp and aperture average alpha, too)
+for idle in 'depth --spp 4' 'depth,position --aperture 0.1' 'depth_median --exr-encoding srgb' 'transmittance --exr-encoding srgb'; do
+    read -r aov option value <<<"$idle"
+    run 2 render "$model" "$room" --view 0009 --aov "$aov" "$option" "$value" -o "$temporary/none"
+    one_line
+    reports "$option requires --aov rgba"
+done
+for aov in depth,depth_median,depth_first,hits,normal,position,primitive,candidates transmittance; do
+    for samples in 1 4; do
+        run 0 render "$model" "$room" --view 0009 --downscale 8 --aov "rgba,$aov" --spp $samples -o "$temporary/spp$samples"
+    done
+    compared=$temporary/compared_$aov
+    channels=$(exrheader "$temporary/spp1/0009.exr" | sed -n 's/^    \([A-Za-z_.]*\), .*sampling.*/\1/p' | grep -vx '[RGBA]' | paste -sd,)
+    oiiotool --fail 0 "$temporary/spp1/0009.exr" --ch "$channels" "$temporary/spp4/0009.exr" --ch "$channels" --diff >"$compared" || true
+    if [ $aov = transmittance ]; then
+        check spp_averages_transmittance grep -q FAILURE "$compared"
+    else
+        check "spp_leaves_data: $channels" grep -q PASS "$compared"
+    fi
+done
+run 0 render "$model" "$room" --view 0009 --downscale 8 --aov transmittance --spp 4 -o "$temporary/spp"
+check spp_without_rgba oiiotool --fail 0 "$temporary/spp4/0009.exr" --ch transmittance.T "$temporary/spp/0009.exr" --diff
+for idle in '--white 2' '--background 1,1,1'; do
+    read -r option value <<<"$idle"
+    run 0 render "$model" "$room" --view 0009 --downscale 8 --aov depth --format png "$option" "$value" -o "$temporary/spp"
+    reports "$option has no effect without --aov rgba"
+done
+
 # the_reference_renders_the_same (the room at 60 x 33 pixels)
 run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/fast" --aov rgba,depth,position
 run 0 render "$model" "$room" --view 0009 --downscale 8 -o "$temporary/slow" --aov rgba,depth,position --reference

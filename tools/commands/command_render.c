@@ -17,6 +17,7 @@
 #include "cli/rank_group.h"
 #include "cameras/camera_export.h"
 #include "cameras/render_cameras.h"
+#include "draw/aov_list.h"
 #include "draw/view_drawer.h"
 #include "run/rank_work.h"
 #include "sparegs/rank_check.h"
@@ -164,7 +165,8 @@ static const option render_options[] = {
      .argument = "N",
      .shown = "1, or 64 with --aperture",
      .unit = "samples",
-     .help = "samples per pixel, averaged for colour"},
+     .needs = "aov=rgba|aov=transmittance|video",
+     .help = "samples per pixel, averaged for colour and transmittance"},
     {.name = "aperture",
      .kind = OPTION_REAL,
      .offset = AT(aperture),
@@ -173,6 +175,7 @@ static const option render_options[] = {
      .argument = "D",
      .initial = "0",
      .unit = "world units",
+     .needs = "aov=rgba|aov=transmittance|video",
      .help = "diameter of the thin lens, for depth of field"},
     {.name = "focus",
      .kind = OPTION_REAL,
@@ -218,7 +221,7 @@ static const option render_options[] = {
      .offset = AT(encoding),
      .argument = "linear|srgb",
      .initial = "linear",
-     .needs = "output&format=exr",
+     .needs = "output&format=exr&aov=rgba|deep",
      .help = "EXR colours: decoded to scene-linear, or display values as trained"},
     {.name = "compression",
      .kind = OPTION_CHOICE,
@@ -586,8 +589,9 @@ static int check_values(const command_line *line, const render_values *values,
 // Warns about shared options that have no effect on these images.
 static void warn_about_idle(const command_line *line, const render_values *values)
 {
-    const bool exr = values->output && values->format == FORMAT_EXR;
-    const bool pictures = values->film || (values->output && values->format != FORMAT_EXR);
+    const bool colors = values->output && (values->aovs & AOV_RGBA) != 0,
+               exr = colors && values->format == FORMAT_EXR,
+               pictures = values->film || (colors && values->format != FORMAT_EXR);
     warn_idle(line, "masks|invert-masks|alpha|image-cache|input-colorspace",
               "on render, which reads no photographs");
     if (values->camera)
@@ -600,9 +604,12 @@ static void warn_about_idle(const command_line *line, const render_values *value
     else if (option_given(line, "split") && splits[values->split] == SGS_SPLIT_ALL)
         warn_idle(line, "eval|test-every|test-images", "with --split all");
     if (!pictures)
-        warn_idle(line, "background", "on EXR files, which have no background");
-    if (!exr)
-        warn_idle(line, "white", "on PNG files and videos, which hold display values");
+        warn_idle(line, "background",
+                  colors ? "on EXR files, which have no background" : "without --aov rgba");
+    if (!exr && !values->deep)
+        warn_idle(line, "white",
+                  pictures ? "on PNG files and videos, which hold display values"
+                           : "without --aov rgba");
     else if (values->encoding != EXR_LINEAR)
         warn_idle(line, "white", "with --exr-encoding srgb");
     if (values->reference)

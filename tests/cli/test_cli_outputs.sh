@@ -100,6 +100,24 @@ fi
 check exrheader_reads_it exrheader "$temporary/deep/0009.deep.exr"
 run 0 render "$model" "$room" --view 0009 --downscale 8 --aov rgba --deep --deep-max 2 --deep-tolerance 0 -o "$temporary/deep"
 check never_more_samples bash -c "! oiiotool --dumpdata '$temporary/deep/0009.deep.exr' | grep -vE 'Pixel .*: [012] samples' | grep -q samples"
+# exr_options_apply_to_deep_files_next_to_pngs
+run 0 render "$model" "$room" --view 0009 --downscale 8 --aov rgba --deep --exr-encoding srgb --compression none -o "$temporary/deep_exr"
+run 0 render "$model" "$room" --view 0009 --downscale 8 --aov rgba --format png --deep --exr-encoding srgb --compression none -o "$temporary/deep_png"
+check same_deep_file cmp "$temporary/deep_exr/0009.deep.exr" "$temporary/deep_png/0009.deep.exr"
+check no_flat_file test ! -e "$temporary/deep_png/0009.exr"
+check deep_compression_is_none bash -c "exrheader '$temporary/deep_png/0009.deep.exr' | grep -q 'compression (type compression): none'"
+run 0 render "$model" "$room" --view 0009 --downscale 8 --aov depth --format png --deep --white 2 --compression dwaa -o "$temporary/deep_white"
+check white_is_in_effect bash -c "! grep -q 'white has no effect' '$temporary/stderr'"
+check deep_compression_is_zips bash -c "exrheader '$temporary/deep_white/0009.deep.exr' | grep -q 'compression (type compression): zip, individual scanlines'"
+run 0 render "$model" "$room" --view 0009 --downscale 8 --aov depth --format png --deep -o "$temporary/deep_one"
+oiiotool "$temporary/deep_white/0009.deep.exr" --flatten --ch R,G,B -o "$temporary/deep_white.exr"
+oiiotool "$temporary/deep_one/0009.deep.exr" --flatten --ch R,G,B --mulc 2 -o "$temporary/deep_twice.exr"
+check white_scales_deep_colours oiiotool --fail 1e-5 "$temporary/deep_white.exr" "$temporary/deep_twice.exr" --diff
+for idle in '--exr-encoding srgb' '--compression zip'; do
+    read -r option value <<<"$idle"
+    run 2 render "$model" "$room" --format png "$option" "$value" -o "$temporary/none"
+    reports "$option requires --format exr or --deep"
+done
 for bad in '--deep-tolerance -1' '--deep-tolerance 1.5' '--deep-tolerance x' '--deep-max 0' '--deep-max 257'; do
     # shellcheck disable=SC2086
     run 2 render "$model" "$room" --deep $bad -o "$temporary/deep"

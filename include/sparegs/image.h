@@ -126,6 +126,9 @@ typedef struct sgs_exr_info {
     const double *intrinsics;
     bool is_latlong; // a latitude-longitude map of all directions: attribute envmap
     sgs_exr_compression compression;
+    // Frames per second of the sequence, from 0.001 to 1e6: attribute framesPerSecond, with the
+    // rates of NTSC as n 1000/1001. 0 = none.
+    double frame_rate;
 } sgs_exr_info;
 
 // Writes a scan-line EXR with data window = display window, Rec. 709 chromaticities and

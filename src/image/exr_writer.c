@@ -19,6 +19,7 @@
 #include "image/exr_writer.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -124,6 +125,21 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
     return result ? result : exr_set_screen_window_width(context, 0, (float)(info->width / k[0]));
 }
 
+// A rational number. Rates such as 23.976 and 29.97 stand for 1000/1001 of the next integer
+// (SMPTE ST 12-1), as for OpenEXR's guessExactFps; others are kept to a thousandth.
+static exr_result_t set_frame_rate(exr_context_t context, double rate)
+{
+    if (!(rate >= 0.001 && rate <= 1e6))
+        return EXR_ERR_SUCCESS;
+    const double next = ceil(rate);
+    exr_attr_rational_t rational = {.num = (int32_t)lround(1000 * rate), .denom = 1000};
+    if (rational.num % 1000 == 0)
+        rational = (exr_attr_rational_t){.num = rational.num / 1000, .denom = 1};
+    else if (next >= 24 && fabs(rate - next / 1.001) < 0.002)
+        rational = (exr_attr_rational_t){.num = (int32_t)(1000 * next), .denom = 1001};
+    return exr_attr_set_rational(context, 0, "framesPerSecond", &rational);
+}
+
 // Samples of a pixel are sorted and do not overlap. OpenEXR's C library has no type for this
 // attribute; its C++ library stores one byte.
 static exr_result_t set_deep_state(exr_context_t context)
@@ -160,6 +176,8 @@ static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *in
         result = set_matrix(context, "worldToCamera", info->world_to_camera);
     if (!result)
         result = set_matrix(context, "worldToNDC", info->world_to_ndc);
+    if (!result)
+        result = set_frame_rate(context, info->frame_rate);
     return result ? result : set_camera(context, info);
 }
 

@@ -137,6 +137,18 @@ reports "--orbit"
 run 0 render "$model" "$room" --orbit 2 --size 40x20 --path-lens view --save-cameras usda --aov rgba -o "$temporary/lens"
 check no_json_unasked test ! -e "$temporary/lens/cameras.json"
 
+# frame_rates
+run 0 render "$model" "$room" --orbit 2 --size 32x20 --aov rgba --deep --fps 23.976 --save-cameras usda -o "$temporary/rate"
+for line in timeCodesPerSecond framesPerSecond; do
+    check "rate_of_usda: $line" grep -qx "    $line = 23.976" "$temporary/rate/cameras.usda"
+done
+for name in orbit_00000.exr orbit_00001.deep.exr; do
+    check "rate_of $name" bash -c "exrheader '$temporary/rate/$name' | grep -q '^framesPerSecond (type rational): 24000/1001'"
+done
+check no_rate_unasked bash -c "! exrheader '$temporary/level/orbit_00002.exr' | grep -q framesPerSecond"
+run 2 render "$model" "$room" --orbit 2 --fps 24 --save-cameras json -o "$temporary/none"
+reports "--fps requires --video or --save-cameras usda"
+
 # size_keeps_the_vertical_field_of_view: the centre of a wide image equals the narrow one
 run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary/wide"
 run 0 render "$model" "$room" --view 0009 --size 40x40 --aov rgba -o "$temporary/narrow"
@@ -328,6 +340,7 @@ check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 2
 check no_leftover test "$(find "$temporary" -maxdepth 1 -name '.*' -type f | wc -l)" = 0
 run 0 render "$model" --camera "$temporary/path.json" --video "$temporary/path.mp4" -o "$temporary/both" --format png --aov rgba
 check rate_of_the_path grep -qx 12 "$temporary/arguments"
+check rate_of_the_path_in_exr bash -c "exrheader '$temporary/path/frame_00000.exr' | grep -q '^framesPerSecond (type rational): 12/1'"
 check frames_too test "$(pictures "$temporary/both" png)" = 'frame_00000.png '
 FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/bad.mp4"
 one_line

@@ -275,12 +275,31 @@ static void exr_header_has_the_attributes(void **state)
     for (int k = 1; k < list->num_channels; ++k)
         assert_true(strcmp(list->entries[k - 1].name.str, list->entries[k].name.str) < 0);
     exr_finish(&context);
-    // Without matrices and texts.
+    // The rates of OpenEXR's ImfStandardAttributes.h and ImfFramesPerSecond.h.
+    static const struct {
+        double rate;
+        exr_attr_rational_t rational;
+    } rates[] = {{24, {24, 1}},          {25, {25, 1}},          {23.976, {24000, 1001}},
+                 {29.97, {30000, 1001}}, {59.94, {60000, 1001}}, {47.952, {48000, 1001}},
+                 {12.5, {12500, 1000}},  {0.25, {250, 1000}},    {1000, {1000, 1}}};
+    exr_attr_rational_t rational;
+    for (size_t k = 0; k < sizeof rates / sizeof *rates; ++k) {
+        sgs_exr_info timed = info;
+        timed.frame_rate = rates[k].rate;
+        assert_int_equal(sgs_exr_write(path, &timed, channels, 1), SGS_STATUS_OK);
+        open_exr(path, &context);
+        assert_int_equal(exr_attr_get_rational(context, 0, "framesPerSecond", &rational), 0);
+        assert_int_equal(rational.num, rates[k].rational.num);
+        assert_int_equal(rational.denom, rates[k].rational.denom);
+        exr_finish(&context);
+    }
+    // Without matrices, texts and a rate.
     const sgs_exr_info bare = {.width = WIDTH, .height = HEIGHT};
     assert_int_equal(sgs_exr_write(path, &bare, channels, 1), SGS_STATUS_OK);
     open_exr(path, &context);
     exr_attr_m44f_t none;
     assert_int_not_equal(exr_attr_get_m44f(context, 0, "worldToCamera", &none), 0);
+    assert_int_not_equal(exr_attr_get_rational(context, 0, "framesPerSecond", &rational), 0);
     exr_finish(&context);
     temp_folder_remove(&folder);
 }

@@ -69,8 +69,8 @@ static const option render_options[] = {
      .argument = "X",
      .shown = "the camera path's, or 30",
      .unit = "frames per second",
-     .needs = "video",
-     .help = "frame rate of --video"},
+     .needs = "video|save-cameras=usda",
+     .help = "frame rate of --video and of cameras.usda; EXR files also record it"},
     {.name = "view",
      .kind = OPTION_TEXT,
      .offset = AT(view),
@@ -285,6 +285,7 @@ static view_options view_options_from(const render_values *values, double path_f
     if (values->depth_range)
         depth_range_parse(values->depth_range, &depth_range);
     const bool blurred = values->aperture > 0;
+    const double rate = values->fps > 0 ? values->fps : fmax(path_fps, 0);
     return (view_options){.folder = values->output,
                           .aovs = values->aovs,
                           .axis_depth = values->depth == DEPTH_Z,
@@ -303,9 +304,8 @@ static view_options view_options_from(const render_values *values, double path_f
                           .aperture = values->aperture,
                           .focus = values->focus,
                           .film = values->film,
-                          .fps = values->fps > 0 ? values->fps
-                                 : path_fps > 0  ? path_fps
-                                                 : DEFAULT_FPS};
+                          .fps = rate > 0 ? rate : DEFAULT_FPS,
+                          .frame_rate = rate};
 }
 
 // Reads the regions of the model if requested. --aov all omits them if none were recorded.

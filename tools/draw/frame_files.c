@@ -214,7 +214,8 @@ static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matr
                                               : files->axis_depth ? axis_depth
                                                                   : ray_depth,
                           .view_name = files->name,
-                          .compression = files->compression};
+                          .compression = files->compression,
+                          .frame_rate = files->frame_rate};
 }
 
 static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame,

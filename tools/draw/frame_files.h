@@ -22,6 +22,7 @@ typedef struct frame_files {
     bool axis_depth;                 // distances are along the camera axis
     exr_encoding encoding;           // EXR only
     sgs_exr_compression compression; // EXR only
+    double frame_rate;               // EXR only: frames per second, 0 = unknown
     float background[3];             // PNG only
     sgs_space space;                 // of the frame's colours
     float white_point;               // scene-linear value of colour 1

@@ -378,6 +378,7 @@ static bool draw_view(view_drawer *drawer, const named_camera *view)
                          .axis_depth = o->axis_depth,
                          .encoding = o->encoding,
                          .compression = o->compression,
+                         .frame_rate = o->frame_rate,
                          .space = drawer->drawing->space,
                          .white_point = (float)drawer->drawing->white_point,
                          .near_distance = options.near_distance};

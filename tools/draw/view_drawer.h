@@ -24,7 +24,8 @@ typedef struct view_options {
     int samples;            // samples per pixel; 1 = the pixel centre
     double aperture, focus; // world units; focus 0 = surface at the image centre
     const char *film;       // or NULL
-    double fps;
+    double fps;             // of `film`
+    double frame_rate;      // recorded in EXR files, 0 = none
 } view_options;
 
 typedef struct view_drawer {

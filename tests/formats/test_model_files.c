@@ -13,6 +13,7 @@
 
 #include "support/files_support.h"
 #include "support/model_support.h"
+#include "support/scene_support.h"
 #include "sparegs/model_file.h"
 
 static void lod_levels_are_nested(void **state)
@@ -143,12 +144,43 @@ static void usda_is_read(void **state)
     temp_folder_remove(&folder);
 }
 
+// Formats without the SH of the model: one warning that names the file, and none without a loss.
+static void omitted_sh_are_reported(void **state)
+{
+    static const struct {
+        const char *name;
+        int kept; // degree
+    } cases[] = {{"a.splat", 0}, {"a.ksplat", 2}, {"a.ply", 3}, {"a.spz", 3}};
+    const temp_folder folder = temp_folder_make();
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k)
+        for (int degree = 0; degree <= 3; ++degree) {
+            sgs_gaussians *model = model_random(5, degree), *back;
+            const char *path = temp_path(&folder, cases[k].name);
+            warnings_begin(state);
+            assert_int_equal(sgs_model_write(path, model, NULL, NULL), SGS_STATUS_OK);
+            sgs_warning_handler_set(NULL, NULL);
+            if (degree > cases[k].kept) {
+                assert_int_equal(strncmp(warnings, path, strlen(path)), 0);
+                assert_holds(warnings, "omitted");
+                assert_ptr_equal(strchr(warnings, '\n'), warnings + strlen(warnings) - 1);
+            } else {
+                assert_string_equal(warnings, "");
+            }
+            assert_int_equal(sgs_model_read(path, NULL, &back, NULL), SGS_STATUS_OK);
+            assert_int_equal(back->sh_degree, degree < cases[k].kept ? degree : cases[k].kept);
+            sgs_gaussians_destroy(back);
+            sgs_gaussians_destroy(model);
+        }
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(usda_is_read),
         cmocka_unit_test(lod_levels_are_nested),
         cmocka_unit_test(names_and_contents_select_formats),
+        cmocka_unit_test(omitted_sh_are_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -42,6 +42,10 @@ SGS_API bool sgs_model_format_of_name(const char *path, sgs_model_format *format
 // lod-meta.json. False if it is no model. Reads at most a few kilobytes.
 SGS_API bool sgs_model_format_detect(const char *path, sgs_model_format *format);
 
+// True if files of the format record that a model was trained with Mip-Splatting's filters
+// (sgs_model_info.antialiased). Cannot fail.
+SGS_API bool sgs_model_format_marks_filter(sgs_model_format format);
+
 typedef enum sgs_spz_axes {
     SGS_SPZ_AXES_RUB, // x right, y up, z back: the SPZ specification
     SGS_SPZ_AXES_RDF  // the axes of the PLY, as some exporters write them

@@ -23,6 +23,7 @@ typedef struct format_row {
     bool (*matches)(const uint8_t *bytes, size_t size); // NULL: no mark
     sgsi_model_read_fn read;                            // NULL: written only
     sgsi_model_write_fn write;
+    bool marks_filter;
 } format_row;
 
 static bool begins(const uint8_t *bytes, size_t size, const char *mark, size_t length)
@@ -73,18 +74,18 @@ static bool is_html(const uint8_t *bytes, size_t size)
 
 // Longer endings precede those that they contain.
 static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
-    [SGS_MODEL_PLY] = {"ply", ".ply", is_ply, sgsi_ply_model_read, sgsi_ply_model_write},
+    [SGS_MODEL_PLY] = {"ply", ".ply", is_ply, sgsi_ply_model_read, sgsi_ply_model_write, true},
     [SGS_MODEL_COMPRESSED_PLY] = {"compressed.ply", ".compressed.ply", is_compressed_ply,
-                                  sgsi_compressed_ply_read, sgsi_compressed_ply_write},
-    [SGS_MODEL_SPLAT] = {"splat", ".splat", NULL, sgsi_splat_read, sgsi_splat_write},
-    [SGS_MODEL_SPZ] = {"spz", ".spz", is_spz, sgsi_spz_read, sgsi_spz_write},
-    [SGS_MODEL_KSPLAT] = {"ksplat", ".ksplat", NULL, sgsi_ksplat_read, sgsi_ksplat_write},
-    [SGS_MODEL_GLB] = {"glb", ".glb", is_glb, sgsi_glb_read, sgsi_glb_write},
-    [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write},
+                                  sgsi_compressed_ply_read, sgsi_compressed_ply_write, true},
+    [SGS_MODEL_SPLAT] = {"splat", ".splat", NULL, sgsi_splat_read, sgsi_splat_write, false},
+    [SGS_MODEL_SPZ] = {"spz", ".spz", is_spz, sgsi_spz_read, sgsi_spz_write, true},
+    [SGS_MODEL_KSPLAT] = {"ksplat", ".ksplat", NULL, sgsi_ksplat_read, sgsi_ksplat_write, false},
+    [SGS_MODEL_GLB] = {"glb", ".glb", is_glb, sgsi_glb_read, sgsi_glb_write, false},
+    [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write, true},
     [SGS_MODEL_LOD_SOG] = {"lod-meta.json", "lod-meta.json", is_lod, sgsi_lod_sog_read,
-                           sgsi_lod_sog_write},
-    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, sgsi_usd_read, sgsi_usd_write},
-    [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write},
+                           sgsi_lod_sog_write, true},
+    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, sgsi_usd_read, sgsi_usd_write, false},
+    [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write, true},
 };
 
 static const char readable_names[] =
@@ -93,6 +94,11 @@ static const char readable_names[] =
 const char *sgs_model_format_name(sgs_model_format format)
 {
     return (unsigned)format < SGS_MODEL_FORMAT_COUNT ? table[format].name : "unknown";
+}
+
+bool sgs_model_format_marks_filter(sgs_model_format format)
+{
+    return (unsigned)format < SGS_MODEL_FORMAT_COUNT && table[format].marks_filter;
 }
 
 static bool ends_with(const char *path, const char *ending)

@@ -94,6 +94,25 @@ for name in m.ply m.compressed.ply m.spz m.sog; do
     run 0 convert "$temporary/$name" "$temporary/copy.spz" --antialiased off --json
     check the_mark_can_be_removed test "$(value .antialiased)" = false
 done
+# formats_without_a_mark_say_so: once, and --json states what the file holds, as info does
+for name in m.glb m.usda m.splat m.ksplat; do
+    run 0 convert "$temporary/m.ply" "$temporary/$name" --json
+    check one_warning_of_the_filter test "$(grep -c -- '--filter mip' "$temporary/stderr")" = 1
+    reports "$temporary/$name: ${name#m.} has no mark for models trained with Mip-Splatting's filters"
+    check the_result_is_not_marked test "$(value .antialiased)" = false
+    check info_agrees test "$("$program" info "$temporary/$name" --json | jq .antialiased)" = false
+    run 0 convert "$temporary/m.ply" "$temporary/$name" --antialiased off
+    check off_is_silent bash -c "! grep -q -- '--filter mip' '$temporary/stderr'"
+    run 2 convert "$temporary/m.ply" "$temporary/$name" --antialiased on
+    reports "--antialiased on has no effect on $temporary/$name"
+done
+run 0 convert "$temporary/m.ply" "$temporary/m.html" --json
+check a_page_is_marked test "$(value .antialiased)" = true
+check the_mark_of_a_page grep -q '"model":"antialiased"' "$temporary/m.html"
+run 0 convert "$temporary/m.ply" "$temporary/lod_m/lod-meta.json" --json
+check levels_of_detail_are_marked test "$("$program" info "$temporary/lod_m" --json | jq .antialiased)" = true
+run 0 prune "$temporary/m.ply" "$room" --downscale 8 -o "$temporary/pruned.glb" --method lightgaussian --ratio 0.5 --quiet
+reports "glb has no mark for models trained with Mip-Splatting's filters"
 run 0 render "$temporary/m.ply" "$room" --view 0001 --downscale 8 --format png -o "$temporary/marked" --quiet
 run 0 render "$ply" "$room" --view 0001 --downscale 8 --filter mip --format png -o "$temporary/mip" --quiet
 check marked_models_are_rendered_with_mip cmp "$temporary/marked/0001.png" "$temporary/mip/0001.png"

@@ -81,6 +81,17 @@ bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussian
     return true;
 }
 
+void model_warn_unmarked(const char *path, const sgs_model_write_options *options)
+{
+    sgs_model_format format;
+    if (!sgs_model_format_of_name(path, &format))
+        return;
+    if (options->antialiased && !sgs_model_format_marks_filter(format))
+        print_warning("%s: %s has no mark for models trained with Mip-Splatting's filters; render "
+                      "with --filter mip",
+                      path, sgs_model_format_name(format));
+}
+
 bool model_show_encoding(void *user, size_t done, size_t total)
 {
     (void)user;

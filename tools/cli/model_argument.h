@@ -28,5 +28,8 @@ bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussian
 // quantile, or 1 where that is 0. Of 10 000 evenly chosen primitives at most.
 void model_measure(const sgs_gaussians *model, double center[3], double *range);
 
+// Warns if the format of `path` has no mark for what the options say about the model.
+void model_warn_unmarked(const char *path, const sgs_model_write_options *options);
+
 // The progress callback of sgs_model_write for a command: a line on stderr; false after a signal.
 bool model_show_encoding(void *user, size_t done, size_t total);

@@ -33,7 +33,8 @@ static const char description[] =
     "to .usda and .html, serves --filter-unseen, and ranks the primitives for lod-meta.json.";
 
 enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
-#define NO_SLACK (-1e9) // below that of any region
+enum { ANTIALIASED_AUTO, ANTIALIASED_ON }; // words of --antialiased
+#define NO_SLACK (-1e9)                    // below that of any region
 
 typedef struct convert_values {
     const char *box, *sphere, *conditions, *floaters, *translate, *rotate;
@@ -142,9 +143,9 @@ static const option convert_options[] = {
      .offset = offsetof(convert_values, antialiased),
      .argument = "auto|on|off",
      .initial = "auto",
-     .help =
-         "mark OUT as trained with Mip-Splatting's filters (.ply, .compressed.ply, .spz, .sog); "
-         "auto: if IN is marked, or its run used --filter mip"},
+     .help = "mark OUT as trained with Mip-Splatting's filters (.ply, .compressed.ply, .spz, SOG, "
+             ".html; other formats have no mark); auto: if IN is marked, or its run used --filter "
+             "mip"},
     {.name = "input-spz-axes",
      .kind = OPTION_CHOICE,
      .offset = offsetof(convert_values, input_spz_axes),
@@ -320,6 +321,11 @@ static int parse_plan(const command_line *line, const convert_values *values, co
         status = refuse_idle(line, "sh-palette|iterations", "unless OUT is SOG or .html");
     if (status < 0 && plan->format != SGS_MODEL_LOD_SOG)
         status = refuse_idle(line, "lod-levels", "unless OUT is a lod-meta.json");
+    if (status < 0 && values->antialiased == ANTIALIASED_ON &&
+        !sgs_model_format_marks_filter(plan->format))
+        status = fail_usage("--antialiased on has no effect on %s: the format has no mark; render "
+                            "with --filter mip",
+                            out);
     if (status < 0 && line->operand_count == 2)
         status = refuse_idle(line, "filter-unseen", "without a SCENE");
     if (status < 0 && line->operand_count == 3 && !values->unseen &&
@@ -519,6 +525,7 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     options.lod_levels = values->levels;
     options.importance = importance;
     options.progress = model_show_encoding;
+    model_warn_unmarked(path, &options);
     progress_work_start();
     const bool has_cameras = plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML;
     sgs_model_camera *cameras = scene && has_cameras ? make_cameras(plan, scene) : NULL;
@@ -577,8 +584,9 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
         done = scene != NULL;
     }
     const size_t input = opened.gaussians->count + opened.info.dropped;
-    const bool antialiased =
-        plan->values->antialiased ? plan->values->antialiased == 1 : opened.antialiased;
+    const bool antialiased = plan->values->antialiased == ANTIALIASED_AUTO
+                                 ? opened.antialiased
+                                 : plan->values->antialiased == ANTIALIASED_ON;
     done = done && filter_model(plan, line->operands[0], &opened) &&
            (!plan->values->unseen || (scene && drop_unseen(&opened, scene)));
     if (done && !opened.gaussians->count) {
@@ -591,7 +599,8 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     }
     done = done && transform_model(plan, opened.gaussians) && make_folder_of(out) &&
            write_model(plan, out, opened.gaussians, scene, importance, antialiased, &written) &&
-           report(out, input, &written, &opened.info, antialiased, json);
+           report(out, input, &written, &opened.info,
+                  antialiased && sgs_model_format_marks_filter(plan->format), json);
     free(importance);
     sgs_scene_destroy(scene);
     opened_model_free(&opened);

@@ -395,6 +395,7 @@ static bool write_model(const pruning *p, int k, const char *path, const sgs_gau
     options.antialiased = p->drawing.filter == SGS_FILTER_MIP;
     if (!make_folder_of(path))
         return false;
+    model_warn_unmarked(path, &options);
     if (sgs_model_write(path, pruned, &options, &info)) {
         fail_library();
         return false;

@@ -31,6 +31,13 @@ typedef struct sgs_image8 {
 // sRGB or linear light.
 typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
 
+// Meaning of the colours of a model, as its file records it. All zero: not recorded.
+typedef struct sgs_model_colors {
+    bool named;         // `space` is known; without it, colours are usually display-encoded
+    sgs_space space;    // of the model's colours
+    double white_point; // linear light that is 1 in them, > 0; 0 = unknown
+} sgs_model_colors;
+
 // A photograph prepared for training: planes as in sgs_image8, 3 or 4 channels, colours in the
 // scene's space, and a valid mask. Invalid are pixels that are masked, have no ray, or have NaN or
 // infinite values.

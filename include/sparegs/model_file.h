@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "sparegs/gaussians.h"
+#include "sparegs/image.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -46,6 +47,9 @@ SGS_API bool sgs_model_format_detect(const char *path, sgs_model_format *format)
 // (sgs_model_info.antialiased). Cannot fail.
 SGS_API bool sgs_model_format_marks_filter(sgs_model_format format);
 
+// The same for the space and the white point of the colours (sgs_model_info.colors).
+SGS_API bool sgs_model_format_marks_colors(sgs_model_format format);
+
 typedef enum sgs_spz_axes {
     SGS_SPZ_AXES_RUB, // x right, y up, z back: the SPZ specification
     SGS_SPZ_AXES_RDF  // the axes of the PLY, as some exporters write them
@@ -63,8 +67,9 @@ SGS_API sgs_model_read_options sgs_model_read_options_default(void);
 
 typedef struct sgs_model_info {
     sgs_model_format format;
-    int version;       // of an SPZ, KSPLAT or SOG file; 0 for other formats
-    bool antialiased;  // trained with Mip-Splatting's filters (SGS_FILTER_MIP)
+    int version;      // of an SPZ, KSPLAT or SOG file; 0 for other formats
+    bool antialiased; // trained with Mip-Splatting's filters (SGS_FILTER_MIP)
+    sgs_model_colors colors;
     bool fused_filter; // the PLY had filter_3D, which is now part of scales and opacities
     size_t dropped;    // primitives with unusable values
     size_t file_bytes; // of all files that were read
@@ -79,6 +84,10 @@ typedef struct sgs_model_info {
 SGS_API sgs_status sgs_model_read(const char *path, const sgs_model_read_options *options,
                                   sgs_gaussians **model, sgs_model_info *info);
 
+// Reads only what a model file records about its colours; formats without a mark leave them all
+// zero. Without warnings. Fails as sgs_model_read; *colors is then all zero.
+SGS_API sgs_status sgs_model_read_colors(const char *path, sgs_model_colors *colors);
+
 // A camera for OpenUSD or a page: pinhole part only, pixel centres at .5.
 typedef struct sgs_model_camera {
     const char *name; // of the image
@@ -90,7 +99,10 @@ typedef struct sgs_model_camera {
 typedef struct sgs_model_write_options {
     size_t struct_size; // set by sgs_model_write_options_default
     bool antialiased;   // marks the file, if the format has a mark
-    int spz_version;    // 3 (gzip) or 4 (Zstandard)
+    // Recorded if the format has a mark and they are linear or the white point is known; `named` is
+    // ignored.
+    sgs_model_colors colors;
+    int spz_version; // 3 (gzip) or 4 (Zstandard)
     sgs_spz_axes spz_axes;
     int ksplat_level;        // 0: floats; 1: 16 bits; 2: 8 bits for SH
     int sh_palette;          // entries of SOG's SH palette, 1 to 65536; 0: by the count

@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "formats/color_marks.h"
 #include "formats/model_rows.h"
 #include "formats/ply_header.h"
 #include "formats/row_order.h"
@@ -233,6 +234,7 @@ sgs_status sgsi_compressed_ply_read(const char *path, const sgs_model_read_optio
         sgsi_rows_add(&rows, params);
     }
     info->antialiased = reader->header.antialiased;
+    info->colors = reader->header.colors;
     info->dropped = rows.dropped;
     sgsi_ply_close(&reader->stream);
     sgsi_free(reader->bounds);
@@ -329,10 +331,13 @@ static void encode_sh(const sgsi_splat *splat, int rest, uint8_t *at)
     }
 }
 
-static void write_header(FILE *stream, size_t count, size_t chunks, int rest, bool antialiased)
+static void write_header(FILE *stream, size_t count, size_t chunks, int rest,
+                         const sgs_model_write_options *options)
 {
-    fprintf(stream, "ply\nformat binary_little_endian 1.0\n%selement chunk %zu\n",
-            antialiased ? "comment SplatRenderMode: mip\n" : "", chunks);
+    fprintf(stream, "ply\nformat binary_little_endian 1.0\n%s",
+            options->antialiased ? "comment SplatRenderMode: mip\n" : "");
+    sgsi_color_comments_write(stream, &options->colors);
+    fprintf(stream, "element chunk %zu\n", chunks);
     for (int k = 0; k < BOUND_COUNT; ++k)
         fprintf(stream, "property float %s\n", bound_names[k]);
     fprintf(stream, "element vertex %zu\n", count);
@@ -373,7 +378,7 @@ sgs_status sgsi_compressed_ply_write(const char *path, const sgs_gaussians *mode
     if (!status)
         status = sgsi_atomic_open(&file, path);
     if (!status) {
-        write_header(file.stream, count, chunks, rest, options->antialiased);
+        write_header(file.stream, count, chunks, rest, options);
         fwrite(bytes, 1, size, file.stream); // an error stays with the stream and fails the commit
         written->bytes = (uint64_t)ftell(file.stream);
         status = sgsi_atomic_commit(&file);

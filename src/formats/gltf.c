@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "formats/color_marks.h"
 #include "formats/model_rows.h"
 #include "model/similarity.h"
 #include "sparegs/version.h"
@@ -38,6 +39,7 @@ enum {
 
 static const uint32_t GLB_MAGIC = 0x46546C67, JSON_CHUNK = 0x4E4F534A, BIN_CHUNK = 0x004E4942;
 static const char extension[] = "KHR_gaussian_splatting";
+static const char white_point_name[] = "sparegs:whitePoint"; // of the extras of a primitive
 
 // ---- Reading ----
 
@@ -51,7 +53,9 @@ typedef struct glb_file {
     sgsi_rows rows;
     size_t total, visits, primitives; // visits of nodes and primitives by this traversal
     int sh_degree;
-    bool decoding; // the second traversal; the first one counts
+    bool decoding;           // the second traversal; the first one counts
+    sgs_model_colors colors; // of the first primitive
+    bool quiet, mixed;       // no warnings; primitives differ in their colour space
 } glb_file;
 
 typedef struct glb_accessor {
@@ -211,6 +215,23 @@ static void decode_primitive(glb_file *file, const glb_primitive *primitive,
     }
 }
 
+// The colour space of the model is that of its first primitive.
+static void read_colors(glb_file *file, const json_t *primitive, const json_t *splatting)
+{
+    const char *name = json_string_value(json_object_get(splatting, "colorSpace"));
+    const double white =
+        json_number_value(json_object_get(json_object_get(primitive, "extras"), white_point_name));
+    sgs_model_colors own = {.white_point = white > 0.0 ? white : 0.0};
+    if (name)
+        sgsi_color_space_parse(file->total || file->quiet ? NULL : file->path, name, &own);
+    if (!file->total)
+        file->colors = own;
+    else if (own.space != file->colors.space && !file->mixed && !file->quiet)
+        sgsi_warn("%s: its primitives have several colour spaces; that of the first is used",
+                  file->path);
+    file->mixed = file->mixed || own.space != file->colors.space;
+}
+
 static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_similarity *transform)
 {
     const json_t *primitive;
@@ -221,7 +242,9 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
             return sgsi_fail(SGS_STATUS_LIMIT,
                              "%s: the nodes of its scene have more than %d primitives", file->path,
                              MAX_PRIMITIVES);
-        if (!json_object_get(json_object_get(primitive, "extensions"), extension))
+        const json_t *splatting =
+            json_object_get(json_object_get(primitive, "extensions"), extension);
+        if (!splatting)
             continue;
         glb_primitive opened;
         const sgs_status status = open_primitive(file, primitive, &opened);
@@ -231,6 +254,7 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
             decode_primitive(file, &opened, transform);
             continue;
         }
+        read_colors(file, primitive, splatting);
         file->total += opened.mean.count;
         file->sh_degree = opened.sh_degree > file->sh_degree ? opened.sh_degree : file->sh_degree;
         if (file->total > file->size / LEAST_ROW_BYTES)
@@ -445,6 +469,7 @@ sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options
     if (!status)
         status = visit_scene(&file);
     info->dropped = file.rows.dropped;
+    info->colors = file.colors;
     json_decref(file.root);
     sgsi_free(file.bytes);
     if (status) {
@@ -454,10 +479,27 @@ sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options
     return sgsi_rows_end(&file.rows, model);
 }
 
+sgs_status sgsi_glb_read_colors(const char *path, sgs_model_colors *colors)
+{
+    glb_file file = {.path = path, .quiet = true};
+    sgs_status status = sgsi_file_read(path, 0, &file.bytes, &file.size);
+    if (status)
+        return status;
+    status = read_chunks(&file);
+    if (!status)
+        status = visit_scene(&file);
+    if (!status)
+        *colors = file.colors;
+    json_decref(file.root);
+    sgsi_free(file.bytes);
+    return status;
+}
+
 // ---- Writing ----
 
 typedef struct glb_writer {
     const sgs_gaussians *model;
+    const sgs_model_colors *colors;
     uint8_t *bin;
     size_t bin_size;
     json_t *accessors, *views, *attributes;
@@ -507,8 +549,11 @@ static void add_bounds(const glb_writer *writer)
     json_object_set_new(json_array_get(writer->accessors, 0), "max", high);
 }
 
-static double srgb_to_linear(double value)
+// COLOR_0 is linear light.
+static double linear_color(const sgs_model_colors *colors, double value)
 {
+    if (colors->space == SGS_SPACE_LINEAR)
+        return value;
     return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
 }
 
@@ -527,7 +572,7 @@ static void fill_columns(const glb_writer *writer, const size_t offsets[4 + 16 +
             for (int j = 1; j < coefficients; ++j)
                 sgsi_store_float(writer->bin + offsets[4 + j] + at, splat.rest[3 * (j - 1) + k]);
             const double shown = fmin(fmax(sgsi_color_from_dc((double)splat.dc[k]), 0.0), 1.0);
-            color[k] = sgsi_unorm8(srgb_to_linear(shown));
+            color[k] = sgsi_unorm8(linear_color(writer->colors, shown));
         }
         for (size_t k = 0; k < 4; ++k)
             sgsi_store_float(writer->bin + offsets[1] + 16 * i + 4 * k,
@@ -540,11 +585,15 @@ static void fill_columns(const glb_writer *writer, const size_t offsets[4 + 16 +
 // The JSON of the file. Steals the references of the writer.
 static char *make_json(glb_writer *writer)
 {
-    json_t *splatting =
-        json_pack("{s:s,s:s,s:s,s:s}", "kernel", "ellipse", "colorSpace", "srgb_rec709_display",
-                  "projection", "perspective", "sortingMethod", "cameraDistance");
+    json_t *splatting = json_pack("{s:s,s:s,s:s,s:s}", "kernel", "ellipse", "colorSpace",
+                                  writer->colors->space == SGS_SPACE_LINEAR ? "lin_rec709_display"
+                                                                            : "srgb_rec709_display",
+                                  "projection", "perspective", "sortingMethod", "cameraDistance");
     json_t *primitive = json_pack("{s:o,s:i,s:{s:o}}", "attributes", writer->attributes, "mode",
                                   MODE_POINTS, "extensions", extension, splatting);
+    if (writer->colors->white_point > 0.0)
+        json_object_set_new(primitive, "extras",
+                            json_pack("{s:f}", white_point_name, writer->colors->white_point));
     json_t *root =
         json_pack("{s:{s:s,s:s},s:[s],s:i,s:[{s:[i]}],s:[{s:i}],s:[{s:[o]}],s:o,s:o,s:[{s:I}]}",
                   "asset", "version", "2.0", "generator", "sparegs " SGS_VERSION, "extensionsUsed",
@@ -559,10 +608,10 @@ static char *make_json(glb_writer *writer)
 sgs_status sgsi_glb_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written)
 {
-    (void)options;
     if (!model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a GLB file cannot be empty", path);
     glb_writer writer = {.model = model,
+                         .colors = &options->colors,
                          .accessors = json_array(),
                          .views = json_array(),
                          .attributes = json_object()};

@@ -7,6 +7,7 @@
 
 #include "sparegs/model_file.h"
 
+#include <float.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -24,6 +25,7 @@ typedef struct format_row {
     sgsi_model_read_fn read;                            // NULL: written only
     sgsi_model_write_fn write;
     bool marks_filter;
+    sgsi_model_colors_fn read_colors; // NULL: no mark
 } format_row;
 
 static bool begins(const uint8_t *bytes, size_t size, const char *mark, size_t length)
@@ -74,18 +76,23 @@ static bool is_html(const uint8_t *bytes, size_t size)
 
 // Longer endings precede those that they contain.
 static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
-    [SGS_MODEL_PLY] = {"ply", ".ply", is_ply, sgsi_ply_model_read, sgsi_ply_model_write, true},
+    [SGS_MODEL_PLY] = {"ply", ".ply", is_ply, sgsi_ply_model_read, sgsi_ply_model_write, true,
+                       sgsi_ply_read_colors},
     [SGS_MODEL_COMPRESSED_PLY] = {"compressed.ply", ".compressed.ply", is_compressed_ply,
-                                  sgsi_compressed_ply_read, sgsi_compressed_ply_write, true},
-    [SGS_MODEL_SPLAT] = {"splat", ".splat", NULL, sgsi_splat_read, sgsi_splat_write, false},
-    [SGS_MODEL_SPZ] = {"spz", ".spz", is_spz, sgsi_spz_read, sgsi_spz_write, true},
-    [SGS_MODEL_KSPLAT] = {"ksplat", ".ksplat", NULL, sgsi_ksplat_read, sgsi_ksplat_write, false},
-    [SGS_MODEL_GLB] = {"glb", ".glb", is_glb, sgsi_glb_read, sgsi_glb_write, false},
-    [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write, true},
+                                  sgsi_compressed_ply_read, sgsi_compressed_ply_write, true,
+                                  sgsi_ply_read_colors},
+    [SGS_MODEL_SPLAT] = {"splat", ".splat", NULL, sgsi_splat_read, sgsi_splat_write, false, NULL},
+    [SGS_MODEL_SPZ] = {"spz", ".spz", is_spz, sgsi_spz_read, sgsi_spz_write, true, NULL},
+    [SGS_MODEL_KSPLAT] = {"ksplat", ".ksplat", NULL, sgsi_ksplat_read, sgsi_ksplat_write, false,
+                          NULL},
+    [SGS_MODEL_GLB] = {"glb", ".glb", is_glb, sgsi_glb_read, sgsi_glb_write, false,
+                       sgsi_glb_read_colors},
+    [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write, true, NULL},
     [SGS_MODEL_LOD_SOG] = {"lod-meta.json", "lod-meta.json", is_lod, sgsi_lod_sog_read,
-                           sgsi_lod_sog_write, true},
-    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, sgsi_usd_read, sgsi_usd_write, false},
-    [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write, true},
+                           sgsi_lod_sog_write, true, NULL},
+    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, sgsi_usd_read, sgsi_usd_write, false,
+                        sgsi_usd_read_colors},
+    [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write, true, NULL},
 };
 
 static const char readable_names[] =
@@ -99,6 +106,11 @@ const char *sgs_model_format_name(sgs_model_format format)
 bool sgs_model_format_marks_filter(sgs_model_format format)
 {
     return (unsigned)format < SGS_MODEL_FORMAT_COUNT && table[format].marks_filter;
+}
+
+bool sgs_model_format_marks_colors(sgs_model_format format)
+{
+    return (unsigned)format < SGS_MODEL_FORMAT_COUNT && table[format].read_colors;
 }
 
 static bool ends_with(const char *path, const char *ending)
@@ -207,6 +219,18 @@ sgs_status sgs_model_read(const char *path, const sgs_model_read_options *option
     return status;
 }
 
+sgs_status sgs_model_read_colors(const char *path, sgs_model_colors *colors)
+{
+    sgs_model_format format;
+    *colors = (sgs_model_colors){0};
+    sgs_status status = find_format(path, &format);
+    if (!status && table[format].read_colors)
+        status = table[format].read_colors(path, colors);
+    if (status)
+        *colors = (sgs_model_colors){0};
+    return status;
+}
+
 // Whether the last error begins with the file or, for a model of several files, its folder.
 static bool error_names(const char *path)
 {
@@ -230,6 +254,10 @@ static sgs_status check_write_options(const char *path, const sgs_model_write_op
         wrong = "palette_iterations is not positive";
     else if (options->lod_levels < 1 || options->lod_levels > 16)
         wrong = "lod_levels is not within 1 to 16";
+    else if (options->colors.space != SGS_SPACE_SRGB && options->colors.space != SGS_SPACE_LINEAR)
+        wrong = "colors.space is unknown";
+    else if (!(options->colors.white_point >= 0.0 && options->colors.white_point <= DBL_MAX))
+        wrong = "colors.white_point is negative or not finite";
     return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %s", path, wrong) : SGS_STATUS_OK;
 }
 

@@ -9,6 +9,8 @@
 
 typedef sgs_status (*sgsi_model_read_fn)(const char *path, const sgs_model_read_options *options,
                                          sgs_gaussians **model, sgs_model_info *info);
+// Reads the marks of the colours only, without warnings.
+typedef sgs_status (*sgsi_model_colors_fn)(const char *path, sgs_model_colors *colors);
 typedef sgs_status (*sgsi_model_write_fn)(const char *path, const sgs_gaussians *model,
                                           const sgs_model_write_options *options,
                                           sgs_model_written *written);
@@ -17,6 +19,8 @@ sgs_status sgsi_ply_model_read(const char *path, const sgs_model_read_options *o
                                sgs_gaussians **model, sgs_model_info *info);
 sgs_status sgsi_ply_model_write(const char *path, const sgs_gaussians *model,
                                 const sgs_model_write_options *options, sgs_model_written *written);
+// Of both kinds of PLY.
+sgs_status sgsi_ply_read_colors(const char *path, sgs_model_colors *colors);
 sgs_status sgsi_compressed_ply_read(const char *path, const sgs_model_read_options *options,
                                     sgs_gaussians **model, sgs_model_info *info);
 sgs_status sgsi_compressed_ply_write(const char *path, const sgs_gaussians *model,
@@ -36,6 +40,7 @@ sgs_status sgsi_ksplat_write(const char *path, const sgs_gaussians *model,
                              const sgs_model_write_options *options, sgs_model_written *written);
 sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options,
                          sgs_gaussians **model, sgs_model_info *info);
+sgs_status sgsi_glb_read_colors(const char *path, sgs_model_colors *colors);
 sgs_status sgsi_glb_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written);
 sgs_status sgsi_sog_read(const char *path, const sgs_model_read_options *options,
@@ -48,6 +53,7 @@ sgs_status sgsi_lod_sog_write(const char *path, const sgs_gaussians *model,
                               const sgs_model_write_options *options, sgs_model_written *written);
 sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options,
                          sgs_gaussians **model, sgs_model_info *info);
+sgs_status sgsi_usd_read_colors(const char *path, sgs_model_colors *colors);
 sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written);
 sgs_status sgsi_web_page_write(const char *path, const sgs_gaussians *model,

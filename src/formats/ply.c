@@ -20,6 +20,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "formats/color_marks.h"
 #include "formats/model_format.h"
 #include "formats/model_rows.h"
 #include "formats/ply_header.h"
@@ -310,6 +311,7 @@ static sgs_status read_file(const char *path, const sgs_model_read_options *opti
     if (!status && info) {
         info->fused_filter = reader->has_filter;
         info->antialiased = reader->has_filter || reader->header.antialiased;
+        info->colors = reader->header.colors;
         info->dropped = reader->rows.dropped;
     }
     close_reader(reader);
@@ -325,6 +327,18 @@ sgs_status sgsi_ply_model_read(const char *path, const sgs_model_read_options *o
                                sgs_gaussians **model, sgs_model_info *info)
 {
     return read_file(path, options, model, info);
+}
+
+sgs_status sgsi_ply_read_colors(const char *path, sgs_model_colors *colors)
+{
+    ply_reader *reader;
+    sgs_status status = open_reader(path, &reader);
+    if (!status)
+        status = sgsi_ply_read_header(&reader->stream, &reader->header);
+    if (!status)
+        *colors = reader->header.colors;
+    close_reader(reader);
+    return status;
 }
 
 // ---- Reading in parts ----
@@ -464,7 +478,8 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
 
 // Opens the file and writes the header for `count` rows of models like this one.
 static sgs_status begin_model(const char *path, const sgs_gaussians *model, size_t count,
-                              sgsi_ply_kind kind, row_writer *writer, sgsi_atomic_file *file)
+                              const sgsi_ply_contents *contents, row_writer *writer,
+                              sgsi_atomic_file *file)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d is not within 0 to 3", path,
@@ -473,8 +488,10 @@ static sgs_status begin_model(const char *path, const sgs_gaussians *model, size
     if (status)
         return status;
     *writer = (row_writer){.model = model, .count = model->count};
-    fprintf(file->stream, "ply\nformat binary_little_endian 1.0\n%selement vertex %zu\n",
-            kind == SGSI_PLY_ANTIALIASED ? "comment SplatRenderMode: mip\n" : "", count);
+    fprintf(file->stream, "ply\nformat binary_little_endian 1.0\n%s",
+            contents->kind == SGSI_PLY_ANTIALIASED ? "comment SplatRenderMode: mip\n" : "");
+    sgsi_color_comments_write(file->stream, &contents->colors);
+    fprintf(file->stream, "element vertex %zu\n", count);
     static const char *const lead[] = {"x", "y", "z", "nx", "ny", "nz"};
     for (int k = 0; k < 6; ++k)
         add_written(writer, file->stream, lead[k], -1, k < 3 ? SGS_PARAM_MEAN + k : -1);
@@ -488,17 +505,18 @@ static sgs_status begin_model(const char *path, const sgs_gaussians *model, size
         add_written(writer, file->stream, "scale_", k, SGS_PARAM_SCALE + k);
     for (int k = 0; k < 4; ++k)
         add_written(writer, file->stream, "rot_", k, SGS_PARAM_ROTATION + k);
-    fputs(kind == SGSI_PLY_FILTER_3D ? "property float filter_3D\nend_header\n" : "end_header\n",
+    fputs(contents->kind == SGSI_PLY_FILTER_3D ? "property float filter_3D\nend_header\n"
+                                               : "end_header\n",
           file->stream);
     return SGS_STATUS_OK;
 }
 
-static sgs_status write_model(const char *path, const sgs_gaussians *model, sgsi_ply_kind kind,
-                              const float *filter_3d)
+static sgs_status write_model(const char *path, const sgs_gaussians *model,
+                              const sgsi_ply_contents *contents, const float *filter_3d)
 {
     sgsi_atomic_file file;
     row_writer writer;
-    const sgs_status status = begin_model(path, model, model->count, kind, &writer, &file);
+    const sgs_status status = begin_model(path, model, model->count, contents, &writer, &file);
     writer.filter_3d = filter_3d;
     return status ? status : write_file(&writer, &file);
 }
@@ -512,13 +530,13 @@ struct sgsi_ply_parts {
 };
 
 sgs_status sgsi_ply_parts_begin(const char *path, const sgs_gaussians *like, size_t count,
-                                sgsi_ply_kind kind, sgsi_ply_parts **parts)
+                                const sgsi_ply_contents *contents, sgsi_ply_parts **parts)
 {
     *parts = sgsi_calloc(1, sizeof **parts);
     if (!*parts)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
     const sgs_status status =
-        begin_model(path, like, count, kind, &(*parts)->writer, &(*parts)->file);
+        begin_model(path, like, count, contents, &(*parts)->writer, &(*parts)->file);
     if (status) {
         sgsi_free(*parts);
         *parts = NULL;
@@ -548,21 +566,23 @@ sgs_status sgsi_ply_parts_end(sgsi_ply_parts *parts, bool complete)
 
 sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model)
 {
-    return write_model(path, model, SGSI_PLY_PLAIN, NULL);
+    return write_model(path, model, &(sgsi_ply_contents){.kind = SGSI_PLY_PLAIN}, NULL);
 }
 
 sgs_status sgs_ply_write_filter_3d(const char *path, const sgs_gaussians *model,
                                    const float *filter_3d)
 {
-    return write_model(path, model, SGSI_PLY_FILTER_3D, filter_3d);
+    return write_model(path, model, &(sgsi_ply_contents){.kind = SGSI_PLY_FILTER_3D}, filter_3d);
 }
 
 sgs_status sgsi_ply_model_write(const char *path, const sgs_gaussians *model,
                                 const sgs_model_write_options *options, sgs_model_written *written)
 {
     (void)written;
-    return write_model(path, model, options->antialiased ? SGSI_PLY_ANTIALIASED : SGSI_PLY_PLAIN,
-                       NULL);
+    const sgsi_ply_contents contents = {.kind = options->antialiased ? SGSI_PLY_ANTIALIASED
+                                                                     : SGSI_PLY_PLAIN,
+                                        .colors = options->colors};
+    return write_model(path, model, &contents, NULL);
 }
 
 sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,

@@ -15,6 +15,7 @@
 #include <strings.h>
 
 #include "base/core.h"
+#include "formats/color_marks.h"
 
 enum { BUFFER_BYTES = 1 << 18, MOST_TAKEN = 1 << 16, MAX_LINE = 1024, MAX_WORDS = 6 };
 
@@ -331,22 +332,26 @@ static sgs_status parse_property(const char *path, const header_line *line, sgsi
     return SGS_STATUS_OK;
 }
 
-// Comments that mark a model as antialiased, in two spellings; the last one counts.
-static void parse_comment(const char *text, bool *antialiased)
+// Comments that mark a model as antialiased, in two spellings, or describe its colours; the last
+// one counts.
+static void parse_comment(const char *text, sgsi_ply_header *header)
 {
-    char key[32], value[16];
-    if (sscanf(text, "comment %31s %15s", key, value) != 2)
+    char key[32], value[32];
+    if (sscanf(text, "comment %31s %31s", key, value) != 2)
         return;
     if (!strcasecmp(key, "SplatRenderMode:"))
-        *antialiased = !strcasecmp(value, "mip");
+        header->antialiased = !strcasecmp(value, "mip");
     else if (!strcasecmp(key, "antialiased"))
-        *antialiased = !strcmp(value, "1");
+        header->antialiased = !strcmp(value, "1");
+    else
+        sgsi_color_comment_parse(key, value, &header->colors);
 }
 
 sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header)
 {
     header->element_count = header->property_count = 0;
     header->antialiased = false;
+    header->colors = (sgs_model_colors){0};
     const uint8_t *magic = sgsi_ply_take(stream, 4);
     if (!magic || memcmp(magic, "ply", 3) || (magic[3] != '\n' && magic[3] != '\r'))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: not a PLY file: it does not begin with 'ply'",
@@ -363,7 +368,7 @@ sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header
         if (status)
             return status;
         if (line.is_comment)
-            parse_comment(line.text, &header->antialiased);
+            parse_comment(line.text, header);
         if (!line.word_count)
             continue; // a comment or an empty line
         if (!have_format) {

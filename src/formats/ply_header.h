@@ -10,6 +10,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "sparegs/image.h"
 #include "sparegs/status.h"
 
 typedef enum sgsi_ply_type {
@@ -56,6 +57,7 @@ typedef struct sgsi_ply_header {
     sgsi_ply_format format;
     // A comment "SplatRenderMode: mip" or "antialiased 1": trained with Mip-Splatting's filters.
     bool antialiased;
+    sgs_model_colors colors; // of comments, see color_marks.h
     int element_count, property_count;
     sgsi_ply_element elements[SGSI_PLY_MAX_ELEMENTS];
     sgsi_ply_property properties[SGSI_PLY_MAX_PROPERTIES];

@@ -7,6 +7,7 @@
 #include <stdbool.h>
 
 #include "sparegs/gaussians.h"
+#include "sparegs/image.h"
 
 typedef struct sgsi_ply_parts sgsi_ply_parts;
 
@@ -16,9 +17,14 @@ typedef enum sgsi_ply_kind {
     SGSI_PLY_FILTER_3D    // with a column filter_3D, as sgs_ply_write_filter_3d
 } sgsi_ply_kind;
 
+typedef struct sgsi_ply_contents {
+    sgsi_ply_kind kind;
+    sgs_model_colors colors; // all zero: no comment
+} sgsi_ply_contents;
+
 // For `count` rows of the SH degree of `like`. Fails as sgs_ply_write; *parts is then NULL.
 sgs_status sgsi_ply_parts_begin(const char *path, const sgs_gaussians *like, size_t count,
-                                sgsi_ply_kind kind, sgsi_ply_parts **parts);
+                                const sgsi_ply_contents *contents, sgsi_ply_parts **parts);
 // filter_3d [rows->count]: the column, NULL without it. A failure is that of sgsi_ply_parts_end.
 void sgsi_ply_parts_add(sgsi_ply_parts *parts, const sgs_gaussians *rows, const float *filter_3d);
 // Puts the file in place or, unless it is complete, removes it. Frees `parts`.

@@ -150,9 +150,13 @@ static void write_layer(FILE *stream, const sgs_gaussians *model,
           "\"Y\"\n)\n\n"
           "def Xform \"World\"\n{\n"
           "    def ParticleField3DGaussianSplat \"Splats\" (\n"
-          "        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {\n"
-          "        uniform token colorSpace:name = \"srgb_rec709_display\"\n",
+          "        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {\n",
           stream);
+    fprintf(stream, "        uniform token colorSpace:name = \"%s\"\n",
+            options->colors.space == SGS_SPACE_LINEAR ? "lin_rec709_scene" : "srgb_rec709_display");
+    if (options->colors.white_point > 0.0)
+        fprintf(stream, "        custom uniform double sparegs:whitePoint = %.9g\n",
+                options->colors.white_point);
     write_extent(stream, model);
     write_array(stream, model, USD_POSITIONS, "point3f[] positions", "");
     write_array(stream, model, USD_ORIENTATIONS, "quatf[] orientations", "");

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Reads a ParticleField3DGaussianSplat from OpenUSD text: the first one in the layer, its five
-// attributes (or their half twins, which the text also writes as numbers), upAxis, and nothing
-// else. No composition, no time samples; transforms above the prim are refused, because they would
-// have to rotate SH.
+// attributes (or their half twins, which the text also writes as numbers), colorSpace:name, our
+// white point, upAxis, and nothing else. No composition, no time samples; transforms above the prim
+// are refused, because they would have to rotate SH.
 
 #include "formats/model_format.h"
 
@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "formats/color_marks.h"
 #include "formats/model_rows.h"
 #include "model/similarity.h"
 
@@ -40,12 +41,15 @@ static const struct {
 
 typedef struct usd_reader {
     const char *path;
+    uint8_t *bytes;       // the text
     const char *at, *end; // of the text, which ends with NUL
     int line, depth;      // depth of braces
     int prim_depth;       // depth inside of the splats, 0 before
     bool finished;        // after the splats
     bool transformed[MOST_DEPTH + 1];
     bool z_up;
+    bool colors_only; // skips the arrays, without warnings
+    sgs_model_colors colors;
     int sh_degree; // -1: not given
     float *values[USD_VALUES];
     size_t counts[USD_VALUES], capacities[USD_VALUES];
@@ -121,6 +125,12 @@ static bool next_token(usd_reader *reader, char word[MOST_WORD + 1])
     return true;
 }
 
+static void skip_numbers(usd_reader *reader)
+{
+    const char *end = memchr(reader->at, ']', (size_t)(reader->end - reader->at));
+    reader->at = end ? end + 1 : reader->end;
+}
+
 // Numbers in brackets; parentheses only group them.
 static sgs_status read_numbers(usd_reader *reader, usd_values kind)
 {
@@ -156,12 +166,33 @@ static sgs_status read_numbers(usd_reader *reader, usd_values kind)
     }
 }
 
+// A token in double quotes.
+static void read_color_space(usd_reader *reader)
+{
+    char name[MOST_WORD + 1];
+    size_t length = 0;
+    if (*reader->at != '"')
+        return;
+    for (const char *at = reader->at + 1; is_word(*at) && length < MOST_WORD; ++at)
+        name[length++] = *at;
+    name[length] = 0;
+    sgsi_color_space_parse(reader->colors_only ? NULL : reader->path, name, &reader->colors);
+}
+
 // After "NAME =" inside of the splats.
 static sgs_status read_attribute(usd_reader *reader, const char *name)
 {
     skip_space(reader);
     if (!strcmp(name, "radiance:sphericalHarmonicsDegree")) {
         reader->sh_degree = (int)strtol(reader->at, NULL, 10);
+        return SGS_STATUS_OK;
+    }
+    if (!strcmp(name, "colorSpace:name")) {
+        read_color_space(reader);
+        return SGS_STATUS_OK;
+    }
+    if (!strcmp(name, "sparegs:whitePoint")) {
+        reader->colors.white_point = sgsi_white_point_parse(reader->at);
         return SGS_STATUS_OK;
     }
     for (int k = 0; k < USD_VALUES; ++k) {
@@ -173,7 +204,10 @@ static sgs_status read_attribute(usd_reader *reader, const char *name)
         if (*reader->at != '[')
             return fail_line(reader, "an attribute of the splats is not an array");
         ++reader->at;
-        return read_numbers(reader, (usd_values)k);
+        if (!reader->colors_only)
+            return read_numbers(reader, (usd_values)k);
+        skip_numbers(reader);
+        return SGS_STATUS_OK;
     }
     return SGS_STATUS_OK;
 }
@@ -183,7 +217,7 @@ static sgs_status open_brace(usd_reader *reader, bool is_splats)
     if (reader->depth == MOST_DEPTH)
         return fail_line(reader, "braces are nested deeper than 64");
     reader->transformed[++reader->depth] = false;
-    if (is_splats && reader->finished)
+    if (is_splats && reader->finished && !reader->colors_only)
         sgsi_warn("%s: line %d: only the first splats are read", reader->path, reader->line);
     if (is_splats && !reader->prim_depth && !reader->finished)
         reader->prim_depth = reader->depth;
@@ -294,31 +328,65 @@ static void decode_rows(const usd_reader *reader, sgsi_rows *rows)
     }
 }
 
+// Reads the whole text. Close the reader also after a failure.
+static sgs_status open_reader(const char *path, bool colors_only, usd_reader **made)
+{
+    uint8_t *bytes;
+    size_t size;
+    *made = NULL;
+    const sgs_status status = sgsi_file_read(path, 0, &bytes, &size);
+    if (status)
+        return status;
+    usd_reader *reader = *made = sgsi_calloc(1, sizeof *reader);
+    if (!reader) {
+        sgsi_free(bytes);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    }
+    *reader = (usd_reader){.path = path,
+                           .bytes = bytes,
+                           .at = (const char *)bytes,
+                           .end = (const char *)bytes + size,
+                           .line = 1,
+                           .colors_only = colors_only,
+                           .sh_degree = -1,
+                           .c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0)};
+    if (!reader->c_locale)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    if (size < 5 || memcmp(bytes, "#usda", 5))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not OpenUSD text: it does not begin with #usda",
+                         path);
+    return read_layer(reader);
+}
+
+static void close_reader(usd_reader *reader)
+{
+    if (!reader)
+        return;
+    for (int k = 0; k < USD_VALUES; ++k)
+        sgsi_free(reader->values[k]);
+    if (reader->c_locale)
+        freelocale(reader->c_locale);
+    sgsi_free(reader->bytes);
+    sgsi_free(reader);
+}
+
+sgs_status sgsi_usd_read_colors(const char *path, sgs_model_colors *colors)
+{
+    usd_reader *reader;
+    const sgs_status status = open_reader(path, true, &reader);
+    if (!status)
+        *colors = reader->colors;
+    close_reader(reader);
+    return status;
+}
+
 sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options,
                          sgs_gaussians **model, sgs_model_info *info)
 {
-    uint8_t *bytes;
-    size_t size, count = 0;
+    size_t count = 0;
     sgsi_rows rows = {0};
-    sgs_status status = sgsi_file_read(path, 0, &bytes, &size);
-    if (status)
-        return status;
-    usd_reader *reader = sgsi_calloc(1, sizeof *reader);
-    if (reader) {
-        *reader = (usd_reader){.path = path,
-                               .at = (const char *)bytes,
-                               .end = (const char *)bytes + size,
-                               .line = 1,
-                               .sh_degree = -1,
-                               .c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0)};
-    }
-    if (!reader || !reader->c_locale)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
-    else if (size < 5 || memcmp(bytes, "#usda", 5))
-        status = sgsi_fail(SGS_STATUS_FORMAT,
-                           "%s: is not OpenUSD text: it does not begin with #usda", path);
-    else
-        status = read_layer(reader);
+    usd_reader *reader;
+    sgs_status status = open_reader(path, false, &reader);
     if (!status)
         status = check_counts(reader, &count);
     if (!status)
@@ -326,13 +394,9 @@ sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options
     if (!status) {
         decode_rows(reader, &rows);
         info->dropped = rows.dropped;
+        info->colors = reader->colors;
         status = sgsi_rows_end(&rows, model);
     }
-    for (int k = 0; reader && k < USD_VALUES; ++k)
-        sgsi_free(reader->values[k]);
-    if (reader && reader->c_locale)
-        freelocale(reader->c_locale);
-    sgsi_free(reader);
-    sgsi_free(bytes);
+    close_reader(reader);
     return status;
 }

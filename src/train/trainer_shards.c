@@ -276,6 +276,15 @@ static sgs_status pass_parts(sgs_trainer *trainer, parts_job *job)
     return SGS_STATUS_OK;
 }
 
+// The white point of encoded colours matters if photographs are in linear light.
+static sgs_model_colors trained_colors(const sgs_trainer *trainer)
+{
+    const sgs_scene *scene = trainer->views.scene;
+    const bool has_white = scene->space == SGS_SPACE_LINEAR || scene->linear_images > 0;
+    return (sgs_model_colors){
+        .named = true, .space = scene->space, .white_point = has_white ? scene->white_point : 0.0};
+}
+
 // A file that rank 0 cannot write does not keep the others from sending.
 static sgs_status write_parts(sgs_trainer *trainer, const char *path, sgsi_ply_kind kind,
                               const float *filter)
@@ -283,8 +292,9 @@ static sgs_status write_parts(sgs_trainer *trainer, const char *path, sgsi_ply_k
     sgsi_ply_parts *parts = NULL;
     sgs_status written = SGS_STATUS_OK;
     char *reason = NULL;
+    const sgsi_ply_contents contents = {.kind = kind, .colors = trained_colors(trainer)};
     if (!sgsi_trainer_rank(trainer))
-        written = sgsi_ply_parts_begin(path, trainer->model, trainer->count, kind, &parts);
+        written = sgsi_ply_parts_begin(path, trainer->model, trainer->count, &contents, &parts);
     if (written)
         reason = sgsi_strdup(sgs_last_error());
     parts_job job = {.trainer = trainer,

@@ -122,6 +122,48 @@ run 0 convert "$temporary/mip_run/point_cloud/iteration_20/point_cloud_filter_3D
 check filter_3D_is_fused test "$("$program" info "$temporary/fused.ply" --json | jq -r .model_hash)" = \
     "$("$program" info "$temporary/mip_run" --json | jq -r .model_hash)"
 
+# linear_models_keep_their_space: the mark of a file replaces the options and the config of the run
+run 0 train "$room" -o "$temporary/linear" --train-space linear --iterations 30 --downscale 8 --quiet
+linear=$temporary/linear/point_cloud/iteration_30/point_cloud.ply
+check train_marks_linear_models grep -aqx 'comment ColorSpace: linear' "$linear"
+check train_marks_no_other_model bash -c "! grep -aq '^comment' '$ply'"
+cp "$linear" "$temporary/bare.ply"
+run 0 eval "$temporary/linear" "$room" --downscale 8 --json --quiet
+linear_reference=$(value .mean.psnr)
+white() { run 0 render "$1" "$room" --view 0001 --downscale 8 --aov rgba -o "$temporary/rendered" --quiet "${@:2}"; }
+white "$temporary/linear" --white 4
+mv "$temporary/rendered/0001.exr" "$temporary/white4.exr"
+for name in bare.ply n.ply n.compressed.ply n.glb n.usda; do
+    if [ $name != bare.ply ]; then
+        run 0 convert "$temporary/bare.ply" "$temporary/$name" --white 4
+        check no_warning test ! -s "$temporary/stderr"
+        run 0 info "$temporary/$name" --json
+        json "$temporary/stdout" '.train_space == "linear" and .white == 4'
+        white "$temporary/$name"
+        case $name in *compressed.ply) error=0.3 ;; *) error=0.02 ;; esac # of values up to 4
+        check the_white_point_is_kept oiiotool --fail $error "$temporary/white4.exr" "$temporary/rendered/0001.exr" --diff
+    fi
+    run 0 eval "$temporary/$name" "$room" --downscale 8 --json --quiet
+    check "$name is evaluated as the run" test "$(jq -n "($(value .mean.psnr) - $linear_reference) | fabs < 0.5")" = true
+done
+run 0 eval "$temporary/bare.ply" "$room" --downscale 8 --json --quiet --train-space srgb
+check the_option_replaces_the_mark test "$(jq -n "$linear_reference - $(value .mean.psnr) > 3")" = true
+for name in l.splat l.ksplat l.spz l.sog lod_l/lod-meta.json; do
+    run 0 convert "$temporary/n.ply" "$temporary/$name"
+    check one_warning_of_the_space test "$(grep -c 'has no mark for linear colours' "$temporary/stderr")" = 1
+    reports "render with --train-space linear --white 4"
+done
+run 0 eval "$temporary/l.spz" "$room" --downscale 8 --json --quiet --train-space linear --white 4
+check the_advice_helps test "$(jq -n "($(value .mean.psnr) - $linear_reference) | fabs < 1.5")" = true
+run 0 convert "$temporary/n.ply" "$temporary/l.html"
+reports "html shows linear colours without encoding them"
+run 0 convert "$ply" "$temporary/w.spz" --white 4
+reports "spz has no mark for the white point; render with --white 4"
+run 0 compress "$temporary/bare.ply" -o "$temporary/l.sgc" --method ghap --quiet
+reports "the container has no mark for linear colours"
+run 0 train "$room" -o "$temporary/mixed" --init "$temporary/bare.ply" --iterations 2 --downscale 8 --quiet
+reports "its colours are linear, those of this training are srgb"
+
 # filters_and_transforms
 run 0 convert "$ply" "$temporary/f.ply" --filter-box 0,-,-,-,-,- --json
 right=$(value .output)

@@ -56,6 +56,14 @@ run 0 eval "$temporary/linear_model" "$hdr" --json
 again=$(jq .mean.psnr "$temporary/stdout")
 check eval_agrees_with_the_training near "$again" "$linear" 0.0001
 
+# and the file of the model alone records both; so do other formats
+cp "$temporary"/linear_model/point_cloud/iteration_300/point_cloud.ply "$temporary/bare.ply"
+for name in bare.ply bare.usda bare.glb; do
+    [ $name = bare.ply ] || run 0 convert "$temporary/bare.ply" "$temporary/$name"
+    run 0 eval "$temporary/$name" "$hdr" --eval --json
+    check "$name is evaluated as the run" near "$(jq .mean.psnr "$temporary/stdout")" "$linear" 0.001
+done
+
 # error messages
 run 1 train "$hdr" -o "$temporary/x" --input-colorspace sepia --quiet
 one_line

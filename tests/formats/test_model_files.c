@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Names and contents that select a format, and folders with levels of detail.
+// Names and contents that select a format, folders with levels of detail, and what formats record
+// about a model.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -174,6 +175,184 @@ static void omitted_sh_are_reported(void **state)
     temp_folder_remove(&folder);
 }
 
+// The first place of a text in a file, from the offset on; fails without one.
+static size_t find_text(const unsigned char *bytes, size_t size, const char *text)
+{
+    const unsigned char *at = memmem(bytes, size, text, strlen(text));
+    if (!at)
+        fail_msg("the file has no '%s'", text);
+    return (size_t)(at - bytes);
+}
+
+static sgs_model_colors read_colors(const char *path)
+{
+    sgs_model_colors colors, probed;
+    sgs_gaussians *model;
+    sgs_model_info info;
+    if (sgs_model_read(path, NULL, &model, &info) || sgs_model_read_colors(path, &probed))
+        fail_msg("%s", sgs_last_error());
+    sgs_gaussians_destroy(model);
+    colors = info.colors;
+    assert_int_equal(probed.named, colors.named);
+    assert_int_equal(probed.space, colors.space);
+    assert_true(probed.white_point == colors.white_point);
+    return colors;
+}
+
+// The words in the files are those of the formats' specifications.
+static void colors_are_recorded(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name, *words[2]; // by sgs_space; NULL: no mark
+        const char *white;
+    } cases[] = {
+        {"a.ply",
+         {"comment ColorSpace: srgb\n", "comment ColorSpace: linear\n"},
+         "WhitePoint: 5.25\n"},
+        {"a.compressed.ply",
+         {"comment ColorSpace: srgb\n", "comment ColorSpace: linear\n"},
+         "WhitePoint: 5.25\n"},
+        {"a.usda",
+         {"uniform token colorSpace:name = \"srgb_rec709_display\"\n",
+          "uniform token colorSpace:name = \"lin_rec709_scene\"\n"},
+         "double sparegs:whitePoint = 5.25\n"},
+        {"a.glb",
+         {"\"colorSpace\":\"srgb_rec709_display\"", "\"colorSpace\":\"lin_rec709_display\""},
+         "\"sparegs:whitePoint\":5.25"},
+        {"a.spz", {NULL, NULL}, NULL},
+        {"a.splat", {NULL, NULL}, NULL},
+        {"a.ksplat", {NULL, NULL}, NULL},
+        {"a.sog", {NULL, NULL}, NULL},
+    };
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(5, 1);
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k)
+        for (int white = 0; white < 2; ++white)
+            for (int space = 0; space < 2; ++space) {
+                const char *path = temp_path(&folder, cases[k].name);
+                sgs_model_write_options options = sgs_model_write_options_default();
+                options.colors = (sgs_model_colors){.space = (sgs_space)space,
+                                                    .white_point = white ? 5.25 : 0.0};
+                assert_int_equal(sgs_model_write(path, model, &options, NULL), SGS_STATUS_OK);
+                sgs_model_format format;
+                assert_true(sgs_model_format_of_name(path, &format));
+                const bool marks = cases[k].words[0];
+                assert_int_equal(sgs_model_format_marks_colors(format), marks);
+                const sgs_model_colors back = read_colors(path);
+                const bool silent = strstr(path, ".ply") && !space && !white;
+                assert_int_equal(back.named, marks && !silent);
+                assert_int_equal(back.space, marks ? space : 0);
+                assert_true(back.white_point == (marks && white ? 5.25 : 0.0));
+                uint8_t *bytes;
+                size_t size;
+                assert_int_equal(sgsi_file_read(path, 0, &bytes, &size), SGS_STATUS_OK);
+                if (marks && !silent)
+                    find_text(bytes, size, cases[k].words[space]);
+                if (marks && white)
+                    find_text(bytes, size, cases[k].white);
+                assert_true(!silent || !memmem(bytes, size, "comment", 7));
+                sgsi_free(bytes);
+            }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+// COLOR_0 is linear light: a value of 0.5 is 0.5 if the colours are, else 0.2140 (IEC 61966-2-1).
+static void glb_fallback_colors_are_linear(void **state)
+{
+    (void)state;
+    static const int expected[] = {55, 128};
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(1, 0);
+    float params[SGS_PARAM_COUNT];
+    sgs_gaussians_get(model, 0, params);
+    memset(params + SGS_PARAM_SH_DC, 0, 3 * sizeof *params); // colour 0.5
+    sgs_gaussians_set(model, 0, params);
+    for (int space = 0; space < 2; ++space) {
+        sgs_model_write_options options = sgs_model_write_options_default();
+        options.colors.space = (sgs_space)space;
+        uint8_t *bytes;
+        size_t size;
+        assert_int_equal(sgs_model_write(temp_path(&folder, "a.glb"), model, &options, NULL),
+                         SGS_STATUS_OK);
+        assert_int_equal(sgsi_file_read(temp_path(&folder, "a.glb"), 0, &bytes, &size),
+                         SGS_STATUS_OK);
+        for (size_t c = 0; c < 3; ++c) // the last attribute of the file
+            assert_int_equal(bytes[size - 4 + c], expected[space]);
+        sgsi_free(bytes);
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+// Marks of other programs: their words, other primaries, and values that mean nothing.
+static void foreign_colors_are_read(void **state)
+{
+    static const struct {
+        const char *name, *from, *to;
+        bool named;
+        int space;
+        double white;
+        const char *warning;
+    } cases[] = {
+        {"a.ply", "ColorSpace: linear", "COLORSPACE: LINEAR", true, 1, 5.25, NULL},
+        {"a.ply", "ColorSpace: linear", "ColorSpace: purple", false, 0, 5.25, NULL},
+        {"a.ply", "WhitePoint: 5.25", "WhitePoint: -5.2", true, 1, 0, NULL},
+        {"a.ply", "WhitePoint: 5.25", "WhitePoint: nan ", true, 1, 0, NULL},
+        {"a.ply", "WhitePoint: 5.25", "WhitePoint: 1e999", true, 1, 0, NULL},
+        {"a.ply", "WhitePoint: 5.25", "WhitePoint: wide", true, 1, 0, NULL},
+        {"a.usda", "lin_rec709_scene", "lin_ap1_scene", true, 1, 5.25,
+         "'lin_ap1_scene' is read as"},
+        {"a.usda", "lin_rec709_scene", "g22_rec709_scene", true, 0, 5.25, "is read as sRGB"},
+        {"a.usda", "lin_rec709_scene", "lin_rec709_display", true, 1, 5.25, NULL},
+        {"a.usda", "colorSpace:name", "colorSpace:none", false, 0, 5.25, NULL},
+        {"a.usda", "\"lin_rec709_scene\"", "7", false, 0, 5.25, NULL},
+        {"a.usda", "= 5.25", "= \"x\"", true, 1, 0, NULL},
+    };
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(5, 1);
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.colors = (sgs_model_colors){.space = SGS_SPACE_LINEAR, .white_point = 5.25};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        const char *path = temp_path(&folder, cases[k].name);
+        uint8_t *bytes;
+        size_t size;
+        assert_int_equal(sgs_model_write(path, model, &options, NULL), SGS_STATUS_OK);
+        assert_int_equal(sgsi_file_read(path, 0, &bytes, &size), SGS_STATUS_OK);
+        const size_t at = find_text(bytes, size, cases[k].from), from = strlen(cases[k].from),
+                     to = strlen(cases[k].to);
+        unsigned char *changed = malloc(size + to);
+        assert_non_null(changed);
+        memcpy(changed, bytes, at);
+        memcpy(changed + at, cases[k].to, to);
+        memcpy(changed + at + to, bytes + at + from, size - at - from);
+        file_put(path, changed, size - from + to);
+        warnings_begin(state);
+        const sgs_model_colors colors = read_colors(path);
+        sgs_warning_handler_set(NULL, NULL);
+        if (colors.named != cases[k].named || (int)colors.space != cases[k].space ||
+            colors.white_point != cases[k].white)
+            fail_msg("%s: named %d, space %d, white point %g", cases[k].to, colors.named,
+                     colors.space, colors.white_point);
+        if (cases[k].warning) // one, and none by sgs_model_read_colors
+            assert_ptr_equal(strchr(warnings, '\n'), warnings + strlen(warnings) - 1);
+        if (cases[k].warning)
+            assert_holds(warnings, cases[k].warning);
+        else
+            assert_string_equal(warnings, "");
+        free(changed);
+        sgsi_free(bytes);
+    }
+    // A file that is no model has no colours.
+    sgs_model_colors none = {.named = true, .white_point = 2};
+    file_put(temp_path(&folder, "a.usda"), "#usda 1.0\n{", 11);
+    assert_int_equal(sgs_model_read_colors(temp_path(&folder, "a.usda"), &none), SGS_STATUS_FORMAT);
+    assert_false(none.named || none.white_point > 0);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -181,6 +360,9 @@ int main(void)
         cmocka_unit_test(lod_levels_are_nested),
         cmocka_unit_test(names_and_contents_select_formats),
         cmocka_unit_test(omitted_sh_are_reported),
+        cmocka_unit_test(colors_are_recorded),
+        cmocka_unit_test(glb_fallback_colors_are_linear),
+        cmocka_unit_test(foreign_colors_are_read),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

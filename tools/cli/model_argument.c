@@ -81,15 +81,75 @@ bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussian
     return true;
 }
 
-void model_warn_unmarked(const char *path, const sgs_model_write_options *options)
+int model_scene_resolve(scene_values *values, const command_line *line, const model_path *located)
 {
-    sgs_model_format format;
-    if (!sgs_model_format_of_name(path, &format))
-        return;
+    sgs_model_colors colors;
+    const int status = scene_resolve(values, line, located->config);
+    values->own_split = !located->config && !values->test_every && !values->test_images;
+    // An unreadable file is an error of the later reading of the whole model.
+    if (config_option(located->config, "train_space") ||
+        sgs_model_read_colors(located->ply_path, &colors))
+        return status;
+    if (colors.named && !option_given(line, "train-space"))
+        values->space = colors.space;
+    if (colors.white_point > 0 && !option_given(line, "white"))
+        values->white_point = colors.white_point;
+    return status;
+}
+
+void model_warn_space(const model_path *located, sgs_space space)
+{
+    static const char *const names[] = {[SGS_SPACE_SRGB] = "srgb", [SGS_SPACE_LINEAR] = "linear"};
+    sgs_model_colors colors;
+    if (!sgs_model_read_colors(located->ply_path, &colors) && colors.named && colors.space != space)
+        print_warning("%s: its colours are %s, those of this training are %s; train with "
+                      "--train-space %s",
+                      located->ply_path, names[colors.space], names[space], names[colors.space]);
+}
+
+sgs_model_colors model_colors(sgs_space space, double white_point)
+{
+    const bool matters = space == SGS_SPACE_LINEAR || white_point != 1;
+    return (sgs_model_colors){
+        .named = true, .space = space, .white_point = matters ? white_point : 0};
+}
+
+sgs_model_write_options model_write_options(const drawing_values *drawing)
+{
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.antialiased = drawing->filter == SGS_FILTER_MIP;
+    options.colors = model_colors(drawing->space, drawing->white_point);
+    return options;
+}
+
+// name: of the format, which has no mark.
+static void warn_about_colors(const char *path, const char *name, const sgs_model_colors *colors)
+{
+    char white[64] = "";
+    if (colors->white_point > 0)
+        snprintf(white, sizeof white, " --white %.9g", colors->white_point);
+    if (colors->space == SGS_SPACE_LINEAR)
+        print_warning("%s: %s has no mark for linear colours, which its viewers show too dark; "
+                      "render with --train-space linear%s",
+                      path, name, white);
+    else if (*white)
+        print_warning("%s: %s has no mark for the white point; render with%s", path, name, white);
+}
+
+void model_warn_unmarked(const char *path, sgs_model_format format,
+                         const sgs_model_write_options *options)
+{
+    const char *name =
+        format < SGS_MODEL_FORMAT_COUNT ? sgs_model_format_name(format) : "the container";
     if (options->antialiased && !sgs_model_format_marks_filter(format))
         print_warning("%s: %s has no mark for models trained with Mip-Splatting's filters; render "
                       "with --filter mip",
-                      path, sgs_model_format_name(format));
+                      path, name);
+    if (format == SGS_MODEL_HTML && options->colors.space == SGS_SPACE_LINEAR)
+        print_warning("%s: html shows linear colours without encoding them, which is too dark",
+                      path);
+    else if (format != SGS_MODEL_HTML && !sgs_model_format_marks_colors(format))
+        warn_about_colors(path, name, &options->colors);
 }
 
 bool model_show_encoding(void *user, size_t done, size_t total)

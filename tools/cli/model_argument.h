@@ -28,8 +28,24 @@ bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussian
 // quantile, or 1 where that is 0. Of 10 000 evenly chosen primitives at most.
 void model_measure(const sgs_gaussians *model, double center[3], double *range);
 
-// Warns if the format of `path` has no mark for what the options say about the model.
-void model_warn_unmarked(const char *path, const sgs_model_write_options *options);
+// scene_resolve for the scene of a MODEL. Without a run's config, space and white point come from
+// the marks of the file, and without an option the test views that the data set names are held out.
+int model_scene_resolve(scene_values *values, const command_line *line, const model_path *located);
+
+// Warns if the file records another space than that of a training that starts from it.
+void model_warn_space(const model_path *located, sgs_space space);
+
+// The space and the white point of a model's colours, as files record them: encoded colours with
+// the white point 1 need no record.
+sgs_model_colors model_colors(sgs_space space, double white_point);
+
+// The options to write a model that is rendered so.
+sgs_model_write_options model_write_options(const drawing_values *drawing);
+
+// Warns if the format has no mark for what the options say about the model. path: the file.
+// SGS_MODEL_FORMAT_COUNT stands for the files of `compress`.
+void model_warn_unmarked(const char *path, sgs_model_format format,
+                         const sgs_model_write_options *options);
 
 // The progress callback of sgs_model_write for a command: a line on stderr; false after a signal.
 bool model_show_encoding(void *user, size_t done, size_t total);

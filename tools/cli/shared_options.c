@@ -211,13 +211,6 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     return -1;
 }
 
-int model_scene_resolve(scene_values *values, const command_line *line, const json_t *config)
-{
-    const int status = scene_resolve(values, line, config);
-    values->own_split = !config && !values->test_every && !values->test_images;
-    return status;
-}
-
 // The strings of a JSON list, to be released with free(); members that are no strings become "".
 static const char **json_strings(const json_t *list)
 {

@@ -39,9 +39,6 @@ option_group scene_group(scene_values *values);
 // not given on the command line take the recorded values. The strings stay owned by argv and
 // config. Returns -1 to continue, or an exit status.
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config);
-// The same for the scene of a MODEL. Without a run's config and an option, the test views that the
-// data set names are held out.
-int model_scene_resolve(scene_values *values, const command_line *line, const json_t *config);
 // The words of --alpha, in the order of sgs_alpha.
 #define ALPHA_WORDS "over|mask|ignore"
 // The words of --train-space, in the order of sgs_space.

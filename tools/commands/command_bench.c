@@ -238,8 +238,7 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
     model_path located;
     sgs_scene *scene = NULL;
     sgs_gaussians *gaussians = NULL;
-    bool done = model_locate(model, &located) &&
-                model_scene_resolve(data, line, located.config) < 0 &&
+    bool done = model_locate(model, &located) && model_scene_resolve(data, line, &located) < 0 &&
                 (scene = scene_open(scene_path, data, false)) != NULL;
     done = done && model_read(&located, NULL, &gaussians);
     if (done && !gaussians->count) {

@@ -328,7 +328,7 @@ int command_compress(int argc, char **argv)
     const bool views = call.line.operand_count > 1;
     status = EXIT_FAILED;
     if (model_locate(call.line.operands[0], &located)) {
-        status = model_scene_resolve(&data, &call.line, located.config);
+        status = model_scene_resolve(&data, &call.line, &located);
         if (status < 0 && views)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && (scene || !views)) {
@@ -344,6 +344,8 @@ int command_compress(int argc, char **argv)
             for (int c = 0; c < 3; ++c)
                 options.background[c] = drawing.background[c];
             set_method_options(&values, &options);
+            const sgs_model_write_options marks = model_write_options(&drawing);
+            model_warn_unmarked(values.output, SGS_MODEL_FORMAT_COUNT, &marks);
             const char *stage = NULL;
             options.progress = show_progress;
             options.progress_user = &stage;

@@ -510,13 +510,20 @@ static sgs_model_camera *make_cameras(const convert_plan *plan, const sgs_scene 
     return cameras;
 }
 
+// What OUT should record about the model.
+typedef struct model_marks {
+    bool antialiased;
+    sgs_model_colors colors;
+} model_marks;
+
 static bool write_model(const convert_plan *plan, const char *path, const sgs_gaussians *model,
-                        const sgs_scene *scene, const float *importance, bool antialiased,
+                        const sgs_scene *scene, const float *importance, const model_marks *marks,
                         sgs_model_written *written)
 {
     const convert_values *values = plan->values;
     sgs_model_write_options options = sgs_model_write_options_default();
-    options.antialiased = antialiased;
+    options.antialiased = marks->antialiased;
+    options.colors = marks->colors;
     options.spz_version = values->spz_version + 3;
     options.spz_axes = (sgs_spz_axes)values->spz_axes;
     options.ksplat_level = values->ksplat_level;
@@ -525,7 +532,7 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     options.lod_levels = values->levels;
     options.importance = importance;
     options.progress = model_show_encoding;
-    model_warn_unmarked(path, &options);
+    model_warn_unmarked(path, plan->format, &options);
     progress_work_start();
     const bool has_cameras = plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML;
     sgs_model_camera *cameras = scene && has_cameras ? make_cameras(plan, scene) : NULL;
@@ -577,16 +584,16 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     sgs_model_written written = {0};
     if (!model_open(line->operands[0], &options, &opened))
         return EXIT_FAILED;
-    bool done = true;
-    if (line->operand_count == 3) {
-        const int status = model_scene_resolve(data, line, opened.located.config);
-        scene = status < 0 ? scene_open(line->operands[2], data, false) : NULL;
+    bool done = model_scene_resolve(data, line, &opened.located) < 0;
+    if (done && line->operand_count == 3) {
+        scene = scene_open(line->operands[2], data, false);
         done = scene != NULL;
     }
     const size_t input = opened.gaussians->count + opened.info.dropped;
-    const bool antialiased = plan->values->antialiased == ANTIALIASED_AUTO
-                                 ? opened.antialiased
-                                 : plan->values->antialiased == ANTIALIASED_ON;
+    const model_marks marks = {.antialiased = plan->values->antialiased == ANTIALIASED_AUTO
+                                                  ? opened.antialiased
+                                                  : plan->values->antialiased == ANTIALIASED_ON,
+                               .colors = model_colors((sgs_space)data->space, data->white_point)};
     done = done && filter_model(plan, line->operands[0], &opened) &&
            (!plan->values->unseen || (scene && drop_unseen(&opened, scene)));
     if (done && !opened.gaussians->count) {
@@ -598,9 +605,9 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
         done = importance != NULL;
     }
     done = done && transform_model(plan, opened.gaussians) && make_folder_of(out) &&
-           write_model(plan, out, opened.gaussians, scene, importance, antialiased, &written) &&
+           write_model(plan, out, opened.gaussians, scene, importance, &marks, &written) &&
            report(out, input, &written, &opened.info,
-                  antialiased && sgs_model_format_marks_filter(plan->format), json);
+                  marks.antialiased && sgs_model_format_marks_filter(plan->format), json);
     free(importance);
     sgs_scene_destroy(scene);
     opened_model_free(&opened);
@@ -632,7 +639,7 @@ int command_convert(int argc, char **argv)
         return status;
     if (call.line.operand_count == 2)
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without a SCENE");
-    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white",
+    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace",
               "on convert, which reads no photographs");
     interrupt_watch();
     return convert(&call.line, &plan, &data, call.common.json);

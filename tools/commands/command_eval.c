@@ -369,7 +369,7 @@ int command_eval(int argc, char **argv)
     status = EXIT_FAILED;
     const char *run;
     if (locate(call.line.operands[0], &values, &located, &run)) {
-        status = model_scene_resolve(&data, &call.line, located.config);
+        status = model_scene_resolve(&data, &call.line, &located);
         if (status < 0)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && scene) {

@@ -129,6 +129,12 @@ static bool describe_model(const char *path, json_t *root)
         if (info.version)
             json_object_set_new(root, "version", json_integer(info.version));
         json_object_set_new(root, "antialiased", json_boolean(info.antialiased));
+        if (info.colors.named)
+            json_object_set_new(
+                root, "train_space",
+                json_string(info.colors.space == SGS_SPACE_LINEAR ? "linear" : "srgb"));
+        if (info.colors.white_point > 0)
+            json_object_set_new(root, "white", json_number(info.colors.white_point));
         if (info.lod_count > 1)
             json_object_set_new(root, "levels_of_detail", json_integer(info.lod_count));
     }

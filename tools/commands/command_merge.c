@@ -132,6 +132,7 @@ static bool write_run(merging *m)
     const char *out = m->values->output;
     char *cameras = format_text("%s/cameras.json", out),
          *config = format_text("%s/config.json", out);
+    const sgs_model_write_options options = model_write_options(&m->drawing);
     const bool replaces = run_folder_is_used(&m->folder);
     bool done = !replaces || run_folder_set_aside(&m->folder);
     if (done) {
@@ -139,8 +140,7 @@ static bool write_run(merging *m)
         if (!done)
             fail_library();
         done = done &&
-               run_folder_save_model(&m->folder, m->blocks.model, m->blocks.iteration,
-                                     m->drawing.filter == SGS_FILTER_MIP) &&
+               run_folder_save_model(&m->folder, m->blocks.model, m->blocks.iteration, &options) &&
                write_exposures(m) && write_json(config, merged_config(m));
         if (replaces && !done)
             run_folder_restore(&m->folder);

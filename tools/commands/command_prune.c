@@ -197,8 +197,7 @@ static int check_values(pruning *p)
     if (!has_scene)
         return refuse_idle(p->line,
                            "images|downscale|eval|test-every|test-images|masks|invert-masks|alpha|"
-                           "image-cache|input-colorspace|train-space|white|filter|compact-box|"
-                           "background",
+                           "image-cache|input-colorspace|filter|compact-box|background",
                            "without SCENE");
     return -1;
 }
@@ -208,9 +207,7 @@ static void warn_idle_options(const pruning *p)
     if (!p->scene)
         return;
     if (!p->values->finetune)
-        warn_idle(p->line,
-                  "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white|"
-                  "background",
+        warn_idle(p->line, "masks|invert-masks|alpha|image-cache|input-colorspace|background",
                   "without --finetune: the score reads no photographs");
     if (!p->values->finetune && !needs_views(p->values->method))
         warn_idle(p->line, "filter|compact-box|eval|test-every|test-images",
@@ -390,12 +387,13 @@ static bool write_tables(const pruning *p)
 
 static bool write_model(const pruning *p, int k, const char *path, const sgs_gaussians *pruned)
 {
-    sgs_model_write_options options = sgs_model_write_options_default();
+    const sgs_model_write_options options = model_write_options(&p->drawing);
     sgs_model_written info;
-    options.antialiased = p->drawing.filter == SGS_FILTER_MIP;
+    sgs_model_format format;
     if (!make_folder_of(path))
         return false;
-    model_warn_unmarked(path, &options);
+    if (sgs_model_format_of_name(path, &format))
+        model_warn_unmarked(path, format, &options);
     if (sgs_model_write(path, pruned, &options, &info)) {
         fail_library();
         return false;
@@ -520,7 +518,7 @@ int command_prune(int argc, char **argv)
     p.model_name = call.line.operands[0];
     bool done = model_locate(p.model_name, &p.located);
     if (done)
-        status = model_scene_resolve(&data, &call.line, p.located.config);
+        status = model_scene_resolve(&data, &call.line, &p.located);
     if (status < 0)
         done = done && open_scene(&p, &data) && prune(&p);
     json_decref(p.outputs);

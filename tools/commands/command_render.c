@@ -500,7 +500,7 @@ static int run_render(const command_line *line, const render_values *values,
     camera_list cameras = {0};
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
-        status = model_scene_resolve(data, line, located.config);
+        status = model_scene_resolve(data, line, &located);
     if (status < 0 && !values->camera) {
         scene = open_scene(line, choice, data);
         status = scene ? -1 : EXIT_FAILED;

@@ -249,7 +249,7 @@ static json_t *picture_of(const char *folder, const json_t *run)
         const bool parsed = command_line_parse(&nothing, 1, arguments) < 0;
         const char *scene_path = json_string_value(json_object_get(located.config, "scene"));
         sgs_scene *scene =
-            parsed && scene_path && model_scene_resolve(&data, &nothing, located.config) < 0
+            parsed && scene_path && model_scene_resolve(&data, &nothing, &located) < 0
                 ? scene_open(scene_path, &data, true)
                 : NULL;
         sgs_gaussians *model = NULL;

@@ -150,6 +150,8 @@ static bool create_trainer(training *run)
             fail_run("%s: contains no primitives; train without --init", located.ply_path);
             ready = false;
         }
+        if (ready)
+            model_warn_space(&located, run->scene->space);
         model_path_free(&located);
     }
     if (ready && run->values.region)

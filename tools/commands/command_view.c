@@ -74,11 +74,11 @@ static int export_page(const char *path, const view_source *source)
     for (size_t k = 0; k < views->count; ++k)
         camera_for_model(views->cameras[k].name, &views->cameras[k].camera, &views->cameras[k].pose,
                          &cameras[k]);
-    sgs_model_write_options options = sgs_model_write_options_default();
-    options.antialiased = source->drawing.filter == SGS_FILTER_MIP;
+    sgs_model_write_options options = model_write_options(&source->drawing);
     options.cameras = cameras;
     options.camera_count = views->count;
     options.progress = model_show_encoding;
+    model_warn_unmarked(path, SGS_MODEL_HTML, &options);
     progress_work_start();
     const sgs_status status =
         make_folder_of(path) ? sgs_model_write(path, source->model, &options, NULL) : SGS_STATUS_IO;
@@ -128,7 +128,7 @@ static int run_view(const command_line *line, const view_values *values, scene_v
     view_session session = {0};
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
-        status = model_scene_resolve(data, line, located.config);
+        status = model_scene_resolve(data, line, &located);
     if (status < 0 && line->operand_count > 1) {
         scene = scene_open(line->operands[1], data, false);
         status = scene ? -1 : EXIT_FAILED;
@@ -192,8 +192,7 @@ int command_view(int argc, char **argv)
         return status;
     if (call.line.operand_count < 2)
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without SCENE");
-    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|white|json",
-              "on view");
+    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|json", "on view");
     interrupt_watch();
     return run_view(&call.line, &values, &data, &drawing);
 }

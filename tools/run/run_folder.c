@@ -310,13 +310,11 @@ bool run_folder_write_inputs(const run_folder *folder, const sgs_scene *scene,
 }
 
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
-                           bool antialiased)
+                           const sgs_model_write_options *options)
 {
     char *path = model_file(folder, iteration);
     bool saved = make_folder_of(path);
-    sgs_model_write_options options = sgs_model_write_options_default();
-    options.antialiased = antialiased;
-    if (saved && sgs_model_write(path, model, &options, NULL)) {
+    if (saved && sgs_model_write(path, model, options, NULL)) {
         fail_library();
         saved = false;
     }

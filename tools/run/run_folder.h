@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 
+#include "sparegs/model_file.h"
 #include "sparegs/trainer.h"
 
 typedef struct run_folder {
@@ -51,9 +52,9 @@ void run_folder_record_update(run_folder *folder, const sgs_step_info *info);
 // Appends a row to train.csv when one is due; always if `last`.
 void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last);
 
-// OUT/point_cloud/iteration_N/point_cloud.ply; antialiased: marked as trained with the mip filter
+// OUT/point_cloud/iteration_N/point_cloud.ply, with the marks of the options.
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
-                           bool antialiased);
+                           const sgs_model_write_options *options);
 
 // Writes OUT/checkpoint/state.bin and keeps the previous one as state.previous.bin. The tables must
 // be open. Other ranks call sgs_trainer_save_checkpoint.

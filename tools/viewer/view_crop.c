@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "sparegs/model_file.h"
@@ -105,9 +106,8 @@ json_t *crop_save(const view_crop *crop, view_source *source)
         }
     }
     if (done) {
-        sgs_model_write_options options = sgs_model_write_options_default();
+        const sgs_model_write_options options = model_write_options(&source->drawing);
         sgs_model_written written;
-        options.antialiased = source->drawing.filter == SGS_FILTER_MIP;
         sgs_selection_apply(kept, keep);
         if (sgs_model_write(path, kept, &options, &written))
             fail_library();

@@ -1,0 +1,66 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "formats/color_marks.h"
+
+#include <float.h>
+#include <locale.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/core.h"
+
+void sgsi_color_comments_write(FILE *stream, const sgs_model_colors *colors)
+{
+    const bool linear = colors->space == SGS_SPACE_LINEAR;
+    if (linear || colors->white_point > 0.0)
+        fprintf(stream, "comment ColorSpace: %s\n", linear ? "linear" : "srgb");
+    if (!(colors->white_point > 0.0))
+        return;
+    // Numbers use a decimal point, whatever the locale of the calling program.
+    const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
+    const locale_t earlier = plain ? uselocale(plain) : (locale_t)0;
+    fprintf(stream, "comment WhitePoint: %.9g\n", colors->white_point);
+    if (plain) {
+        uselocale(earlier);
+        freelocale(plain);
+    }
+}
+
+double sgsi_white_point_parse(const char *text)
+{
+    char *end;
+    const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
+    if (!plain)
+        return 0.0;
+    const double value = strtod_l(text, &end, plain);
+    freelocale(plain);
+    return end > text && value > 0.0 && value <= DBL_MAX ? value : 0.0;
+}
+
+void sgsi_color_comment_parse(const char *key, const char *value, sgs_model_colors *colors)
+{
+    if (!strcasecmp(key, "ColorSpace:")) {
+        const bool linear = !strcasecmp(value, "linear");
+        colors->named = linear || !strcasecmp(value, "srgb");
+        colors->space = linear ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    } else if (!strcasecmp(key, "WhitePoint:")) {
+        colors->white_point = sgsi_white_point_parse(value);
+    }
+}
+
+void sgsi_color_space_parse(const char *path, const char *name, sgs_model_colors *colors)
+{
+    static const char *const known[] = {"srgb_rec709_display", "lin_rec709_scene",
+                                        "lin_rec709_display", "srgb_rec709_scene"};
+    const bool linear = !strncmp(name, "lin_", 4);
+    colors->named = true;
+    colors->space = linear ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
+        if (!strcmp(name, known[k]))
+            return;
+    if (path)
+        sgsi_warn("%s: colour space '%.63s' is read as %s with Rec. 709 primaries", path, name,
+                  linear ? "linear light" : "sRGB");
+}

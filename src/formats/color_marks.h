@@ -1,0 +1,24 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Marks of the colours in model files: the comments of a PLY, and the names of colour spaces that
+// OpenUSD and glTF use. The primaries of a model are those of Rec. 709.
+
+#include <stdio.h>
+
+#include "sparegs/image.h"
+
+// The comments that record the colours, "ColorSpace: linear" and "WhitePoint: 5.25"; nothing for
+// encoded colours without a white point.
+void sgsi_color_comments_write(FILE *stream, const sgs_model_colors *colors);
+
+// Applies such a comment; other keys are ignored, unknown values reset the mark.
+void sgsi_color_comment_parse(const char *key, const char *value, sgs_model_colors *colors);
+
+// Applies a name such as "lin_rec709_scene". path: for a warning about other primaries or transfer
+// functions than those of sRGB and linear light; NULL for none.
+void sgsi_color_space_parse(const char *path, const char *name, sgs_model_colors *colors);
+
+// A white point as text, whatever the locale; 0 if it is not a positive number.
+double sgsi_white_point_parse(const char *text);

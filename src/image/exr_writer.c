@@ -25,6 +25,7 @@
 #include <unistd.h>
 
 #include "image/exr_zip.h"
+#include "image/primaries.h"
 #include "sparegs/runtime.h"
 #include "base/threads.h"
 
@@ -154,15 +155,8 @@ static exr_result_t set_deep_state(exr_context_t context)
 
 static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *info)
 {
-    // ITU-R BT.709 primaries and D65 white point.
-    const exr_attr_chromaticities_t rec709 = {.red_x = 0.64f,
-                                              .red_y = 0.33f,
-                                              .green_x = 0.30f,
-                                              .green_y = 0.60f,
-                                              .blue_x = 0.15f,
-                                              .blue_y = 0.06f,
-                                              .white_x = 0.3127f,
-                                              .white_y = 0.3290f};
+    const float *const p = sgsi_rec709;
+    const exr_attr_chromaticities_t rec709 = {p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]};
     char software[64];
     snprintf(software, sizeof software, "sparegs %s", sgs_version());
     exr_result_t result = exr_attr_set_chromaticities(context, 0, "chromaticities", &rec709);

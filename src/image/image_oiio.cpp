@@ -11,7 +11,8 @@
 //
 // sgsi_oiio_read_rows returns floats instead, for photographs whose range or colour space exceeds
 // 8-bit sRGB. sRGB stays encoded, linear light stays linear, and all other colour spaces are
-// converted to linear light by OpenImageIO.
+// converted to linear light by OpenImageIO. Linear EXR files are converted from the primaries of
+// their attribute chromaticities to Rec. 709.
 //
 // Sizes are checked before allocation. Rows are decoded in slabs of scanlines or of one row of
 // tiles, so that the interleaved image never exists as a whole.
@@ -39,6 +40,7 @@
 
 extern "C" {
 #include "base/core.h"
+#include "image/primaries.h"
 #include "sparegs/runtime.h"
 }
 
@@ -273,6 +275,8 @@ enum class Encoding { srgb, linear, other };
 struct Colors {
     Encoding encoding = Encoding::srgb;
     OIIO::ColorProcessorHandle processor; // other: converts to linear light
+    bool primaries = false;               // linear: multiply by the matrix
+    double matrix[3][3] = {};             // to Rec. 709
 };
 
 std::string lower(std::string text)
@@ -368,6 +372,29 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
     return SGS_STATUS_OK;
 }
 
+// Linear EXR files have the primaries of their attribute, unless the user names a space with its
+// own. OpenImageIO 2.4 calls all of them "Linear".
+sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
+                            Colors &colors)
+{
+    const std::string named = lower(colorspace ? colorspace : "");
+    const OIIO::ParamValue *attribute = spec.find_attribute(
+        "chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, SGSI_CHROMATICITIES));
+    if (!attribute || colors.encoding != Encoding::linear || named == "lin_srgb" ||
+        named == "lin_rec709")
+        return SGS_STATUS_OK;
+    const float *const chromaticities = static_cast<const float *>(attribute->data());
+    if (sgsi_primaries_are_rec709(chromaticities))
+        return SGS_STATUS_OK;
+    colors.primaries = true;
+    return sgsi_primaries_to_rec709(chromaticities, colors.matrix)
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                           "%s: its attribute chromaticities describes no primaries; correct it, "
+                           "or set option colorspace to lin_rec709",
+                           path);
+}
+
 sgs_status open_photo(const char *path, const char *colorspace,
                       std::unique_ptr<OIIO::ImageInput> &input, Layout &layout, Colors &colors)
 {
@@ -376,11 +403,13 @@ sgs_status open_photo(const char *path, const char *colorspace,
         return opened;
     const OIIO::ImageSpec &spec = input->spec();
     layout.type = OIIO::TypeDesc::FLOAT;
-    if (std::strcmp(input->format_name(), "openexr") == 0 && !find_exr_channels(spec, layout))
+    const bool is_exr = std::strcmp(input->format_name(), "openexr") == 0;
+    if (is_exr && !find_exr_channels(spec, layout))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: no colour channels R, G, B or Y; the channels are %s", path,
                          joined(spec.channelnames).c_str());
-    return choose_colors(path, spec, colorspace, colors);
+    const sgs_status chosen = choose_colors(path, spec, colorspace, colors);
+    return chosen || !is_exr ? chosen : choose_primaries(path, spec, colorspace, colors);
 }
 
 // Writes one row as [width][channels], colour premultiplied by alpha. `raw`: layout.read floats per
@@ -397,6 +426,13 @@ void arrange_row(const float *raw, int width, const Layout &layout, const Colors
         if (layout.cmyk)
             for (size_t c = 0; c < 3; ++c)
                 out[c] = (1 - in[c]) * (1 - in[3]);
+    }
+    for (size_t x = 0; colors.primaries && x < size_t(width); ++x) {
+        float *const out = row + x * channels;
+        const double r = double(out[0]), g = double(out[1]), b = double(out[2]);
+        for (size_t c = 0; c < 3; ++c)
+            out[c] =
+                float(colors.matrix[c][0] * r + colors.matrix[c][1] * g + colors.matrix[c][2] * b);
     }
     if (colors.processor && layout.channels == 3)
         colors.processor->apply(row, width, 1, 3, sizeof(float), 3 * sizeof(float),

@@ -31,16 +31,17 @@ typedef struct sgsi_image_info {
 
 // Reads the header. `colorspace` overrides the file's colour space; NULL = use the file's, or if
 // absent linear for floats and sRGB for integers. Fails with UNSUPPORTED for colour spaces unknown
-// to OpenImageIO (the error lists the known ones) and for files without colour channels (the error
-// lists the channels).
+// to OpenImageIO (the error lists the known ones), for EXR files whose chromaticities are no
+// primaries, and for files without colour channels (the error lists the channels).
 sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_image_info *info);
 
 // Receives a row of pixels, top row first: [width][channels], colour premultiplied by alpha. NaN
 // and infinities are passed on.
 typedef void (*sgsi_row_fn)(void *context, int y, const float *row);
 
-// Decodes a photograph row by row and converts its colour space. On failure some rows may have been
-// passed to `take`.
+// Decodes a photograph row by row and converts its colour space; linear light has the primaries of
+// Rec. 709, so that colours outside of its gamut have negative channels. On failure some rows may
+// have been passed to `take`.
 sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take,
                                void *context);
 

@@ -64,6 +64,22 @@ for name in bare.ply bare.usda bare.glb; do
     check "$name is evaluated as the run" near "$(jq .mean.psnr "$temporary/stdout")" "$linear" 0.001
 done
 
+# photographs with the primaries of ACEScg, converted by oiiotool, are the same photographs
+mkdir -p "$temporary/ap1/images"
+cp -r "$room/sparse" "$temporary/ap1/"
+for photo in "$hdr"/images/*.exr; do
+    # From Rec. 709 with D65 to AP1 with D60 (Bradford), as row vectors.
+    oiiotool "$photo" --ccmatrix:transpose=1 0.613097,0.339523,0.047379,0.070194,0.916354,0.013452,0.020616,0.109570,0.869815 \
+        --attrib:type="float[8]" chromaticities 0.713,0.293,0.165,0.83,0.128,0.044,0.32168,0.33767 \
+        -d half -o "$temporary/ap1/images/$(basename "$photo")"
+done
+run 0 eval "$temporary/bright_model" "$hdr" --json
+reference=$(jq .mean.psnr "$temporary/stdout")
+run 0 eval "$temporary/bright_model" "$temporary/ap1" --json
+check primaries_are_converted near "$(jq .mean.psnr "$temporary/stdout")" "$reference" 0.02
+run 0 eval "$temporary/bright_model" "$temporary/ap1" --json --input-colorspace lin_rec709
+check the_colour_space_replaces_them awk -v a="$(jq .mean.psnr "$temporary/stdout")" -v b="$reference" 'BEGIN { exit !(a < b - 0.5) }'
+
 # error messages
 run 1 train "$hdr" -o "$temporary/x" --input-colorspace sepia --quiet
 one_line

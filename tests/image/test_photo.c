@@ -275,6 +275,117 @@ static void colour_spaces_are_selected_by_name(void **state)
     tree_remove(&folder);
 }
 
+// Replaces the values of a file's attribute chromaticities.
+static void put_primaries(const char *path, const float values[8])
+{
+    static const char head[] = "chromaticities\0chromaticities"; // name and type
+    size_t size;
+    unsigned char *bytes = file_get(path, &size), *at = memmem(bytes, size, head, sizeof head);
+    assert_non_null(at);
+    memcpy(at + sizeof head + 4, values, 8 * sizeof *values); // after the size
+    file_put(path, bytes, size);
+    free(bytes);
+}
+
+// Red, green, blue and grey, at half opacity if there is alpha.
+static void put_unit_colors(const temp_folder *folder, const char *name, bool alpha,
+                            const float primaries[8])
+{
+    const float planes[4][4] = {{1, 0, 0, 1}, {0, 1, 0, 1}, {0, 0, 1, 1}, {0.5f, 0.5f, 0.5f, 0.5f}};
+    const sgs_exr_channel channels[4] = {{"R", planes[0], NULL, 0},
+                                         {"G", planes[1], NULL, 0},
+                                         {"B", planes[2], NULL, 0},
+                                         {"A", planes[3], NULL, 0}};
+    const sgs_exr_info info = {.width = 4, .height = 1};
+    assert_int_equal(sgs_exr_write(temp_path(folder, name), &info, channels, alpha ? 4 : 3),
+                     SGS_STATUS_OK);
+    put_primaries(temp_path(folder, name), primaries);
+}
+
+static void keep_row(void *context, int y, const float *row)
+{
+    assert_int_equal(y, 0);
+    memcpy(context, row, 16 * sizeof *row);
+}
+
+// Matrices computed with NumPy from the chromaticities and Bradford's cone responses. To the digits
+// that they give, they are those of ACES (AP0, AP1) and of ITU-R BT.2087.
+static void exr_primaries_become_rec709(void **state)
+{
+    (void)state;
+    static const struct {
+        float primaries[8];
+        double matrix[3][3];
+    } cases[] = {
+        {{0.7347f, 0.2653f, 0.0f, 1.0f, 0.0001f, -0.077f, 0.32168f, 0.33767f}, // AP0
+         {{2.521686, -1.134131, -0.387555},
+          {-0.276480, 1.372719, -0.096239},
+          {-0.015378, -0.152975, 1.168353}}},
+        {{0.713f, 0.293f, 0.165f, 0.83f, 0.128f, 0.044f, 0.32168f, 0.33767f}, // AP1
+         {{1.705051, -0.621792, -0.083259},
+          {-0.130256, 1.140805, -0.010548},
+          {-0.024003, -0.128969, 1.152972}}},
+        {{0.68f, 0.32f, 0.265f, 0.69f, 0.15f, 0.06f, 0.3127f, 0.329f}, // P3, D65
+         {{1.224940, -0.224940, 0}, {-0.042057, 1.042057, 0}, {-0.019638, -0.078636, 1.098274}}},
+        {{0.708f, 0.292f, 0.17f, 0.797f, 0.131f, 0.046f, 0.3127f, 0.329f}, // BT.2020
+         {{1.660491, -0.587641, -0.072850},
+          {-0.124550, 1.132900, -0.008349},
+          {-0.018151, -0.100579, 1.118730}}},
+        {{0.6405f, 0.3295f, 0.3f, 0.6f, 0.15f, 0.06f, 0.3127f, 0.329f}, // Rec. 709, rounded
+         {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
+    };
+    const temp_folder folder = temp_folder_make();
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k)
+        for (int alpha = 0; alpha < 2; ++alpha) {
+            float row[16];
+            put_unit_colors(&folder, "a.exr", alpha, cases[k].primaries);
+            if (sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), NULL, keep_row, row))
+                fail_msg("%s", sgs_last_error());
+            for (size_t x = 0; x < 4; ++x)
+                for (size_t c = 0; c < 3; ++c) {
+                    const double expected = x < 3 ? cases[k].matrix[c][x] : 1; // grey stays grey
+                    const double value = (double)row[x * (alpha ? 4 : 3) + c];
+                    if (!(fabs(value - expected) < 3e-6))
+                        fail_msg("case %zu, column %zu, row %zu: %.7f, expected %.7f", k, x, c,
+                                 value, expected);
+                }
+        }
+    // A space with primaries of its own overrides the attribute; "linear" does not.
+    float row[16];
+    put_unit_colors(&folder, "a.exr", false, cases[1].primaries);
+    assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "lin_rec709", keep_row, row),
+                     SGS_STATUS_OK);
+    assert_true(row[0] == 1.0f && row[1] == 0.0f);
+    assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "linear", keep_row, row),
+                     SGS_STATUS_OK);
+    assert_true(row[0] > 1.7f);
+    temp_folder_remove(&folder);
+}
+
+static void impossible_primaries_are_refused(void **state)
+{
+    (void)state;
+    static const float cases[][8] = {
+        {0, 0, 0, 0, 0, 0, 0, 0},
+        {0.64f, 0.33f, 0.64f, 0.33f, 0.15f, 0.06f, 0.3127f, 0.329f}, // on a line
+        {0.64f, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, 0.3127f, 0},
+        {NAN, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, 0.3127f, 0.329f},
+        {0.64f, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, INFINITY, 0.329f},
+    };
+    const temp_folder folder = temp_folder_make();
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        sgsi_image_info info;
+        const char *path = temp_path(&folder, "a.exr");
+        put_unit_colors(&folder, "a.exr", false, cases[k]);
+        assert_int_equal(sgsi_oiio_describe(path, NULL, &info), SGS_STATUS_UNSUPPORTED);
+        assert_int_equal(strncmp(sgs_last_error(), path, strlen(path)), 0);
+        assert_holds(sgs_last_error(), "attribute chromaticities describes no primaries");
+        bad_input();
+        assert_int_equal(sgsi_oiio_describe(path, "lin_rec709", &info), SGS_STATUS_OK);
+    }
+    temp_folder_remove(&folder);
+}
+
 // A scene of scene_support whose photographs are EXR files, with the names of the model's PNG
 // files.
 static temp_folder make_scene(float broken)
@@ -550,6 +661,8 @@ int main(void)
         cmocka_unit_test_setup(nonfinite_pixels_are_ignored_and_counted, warnings_begin),
         cmocka_unit_test_setup(broken_files_are_reported_in_one_line, warnings_begin),
         cmocka_unit_test(exr_layers_are_found_by_name),
+        cmocka_unit_test(exr_primaries_become_rec709),
+        cmocka_unit_test(impossible_primaries_are_refused),
         cmocka_unit_test(layers_before_the_colours_take_no_memory),
         cmocka_unit_test(tiles_larger_than_the_limit_are_refused),
     };

@@ -60,7 +60,12 @@ void sgsi_color_space_parse(const char *path, const char *name, sgs_model_colors
     for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
         if (!strcmp(name, known[k]))
             return;
+    char shown[64];
+    snprintf(shown, sizeof shown, "%s", name);
+    for (char *at = shown; *at; ++at) // of an untrusted file
+        if ((unsigned char)*at < 32 || (unsigned char)*at > 126)
+            *at = '?';
     if (path)
-        sgsi_warn("%s: colour space '%.63s' is read as %s with Rec. 709 primaries", path, name,
+        sgsi_warn("%s: colour space '%s' is read as %s with Rec. 709 primaries", path, shown,
                   linear ? "linear light" : "sRGB");
 }

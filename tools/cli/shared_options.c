@@ -148,7 +148,8 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, space),
      .argument = SPACE_WORDS,
      .initial = "srgb",
-     .help = "colour space of the model and the loss: display-encoded (sRGB) or scene-linear"},
+     .help = "colour space of the model and the loss: display-encoded (sRGB) or scene-linear; a "
+             "stored model has the recorded one"},
     {.name = "white",
      .kind = OPTION_REAL,
      .offset = offsetof(scene_values, white_point),

@@ -26,6 +26,12 @@ start() {
     url=$(grep -ohE 'http://[^ ]*' "$temporary/$name.out" "$temporary/stderr" | head -1)
     check has_a_url test -n "$url"
 }
+wait_for() { # TEXT FILE
+    for _ in $(seq 600); do
+        grep -q "$1" "$2" 2>/dev/null || ! kill -0 "$training" 2>/dev/null && break
+        sleep 0.05
+    done
+}
 ends() {
     local status=0
     wait "$training" || status=$?
@@ -57,7 +63,24 @@ start controlled --iterations 100000
 page control "$temporary/controlled"
 ends 130
 check stopped_by_the_page test "$(jq -r .stop_reason "$temporary/controlled/summary.json")" = signal
+check the_viewer_is_named test "$(jq -r .stop_text "$temporary/controlled/summary.json")" = "stopped by the viewer"
 check it_can_be_resumed test -e "$temporary/controlled/checkpoint/state.bin"
+
+# a_first_signal_after_a_stop_of_the_page_is_the_same_request
+small=("$room" --downscale 4) # notes
+start both --iterations 100000
+wait_for '^100,' "$temporary/both/train.csv"
+python3 "$client" "$url" action stop &
+first=$!
+wait_for 'stopped by the viewer' "$temporary/stderr"
+kill -TERM "$training"
+status=0
+wait "$training" || status=$?
+wait "$first"
+reports 'sparegs: stopped by the viewer; saving'
+check its_status_is_that_of_a_saved_stop test "$status" -eq 143 -o "$status" -eq 130
+check it_is_saved test -e "$temporary/both/checkpoint/state.bin"
+small+=(--quiet)
 
 # a_signal_with_connected_pages
 start stopped --iterations 100000 --json

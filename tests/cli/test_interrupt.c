@@ -16,8 +16,8 @@
 
 #include "cli/interrupt.h"
 
-// FOLLOW + n: another process of the run has received signal n.
-enum { FOLLOW = -1000, END = 0, WORK_COMPLETE = 7, MOST_STEPS = 5 };
+// FOLLOW + n: another process of the run has received signal n. REQUEST: the program stops itself.
+enum { REQUEST = -2000, FOLLOW = -1000, END = 0, WORK_COMPLETE = 7, MOST_STEPS = 5 };
 
 // The status of a process in which these signals arrive, and whether they stop it at once.
 static int status_after(const int steps[MOST_STEPS], bool *stopped_at_once)
@@ -27,7 +27,9 @@ static int status_after(const int steps[MOST_STEPS], bool *stopped_at_once)
     if (!child) {
         interrupt_watch();
         for (size_t i = 0; i < MOST_STEPS && steps[i] != END; ++i)
-            if (steps[i] < 0)
+            if (steps[i] == REQUEST)
+                interrupt_request();
+            else if (steps[i] < 0)
                 interrupt_follow(steps[i] - FOLLOW);
             else
                 raise(steps[i]);
@@ -54,6 +56,11 @@ static void one_request_that_arrives_several_times_lets_the_work_end(void **stat
         {FOLLOW + SIGTERM, SIGTERM, SIGTERM, INTERRUPT_PASSED_ON},
         {FOLLOW + SIGTERM, INTERRUPT_PASSED_ON, SIGTERM},
         {SIGTERM, FOLLOW + SIGINT, SIGTERM},
+        {REQUEST, SIGTERM},
+        {REQUEST, SIGTERM, SIGTERM},
+        {REQUEST, REQUEST, INTERRUPT_PASSED_ON, SIGTERM, SIGTERM},
+        {REQUEST, FOLLOW + SIGTERM, SIGTERM, SIGTERM},
+        {SIGTERM, REQUEST, SIGTERM},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
         bool stopped;
@@ -66,11 +73,24 @@ static void a_second_request_of_the_user_ends_at_once(void **state)
 {
     (void)state;
     static const int cases[][MOST_STEPS] = {
-        {SIGINT, SIGINT}, {SIGTERM, SIGINT}, {SIGHUP, SIGINT}, {FOLLOW + SIGTERM, SIGINT, SIGINT}};
+        {SIGINT, SIGINT},          {SIGTERM, SIGINT},
+        {SIGHUP, SIGINT},          {FOLLOW + SIGTERM, SIGINT, SIGINT},
+        {REQUEST, SIGINT, SIGINT}, {SIGINT, REQUEST, SIGINT}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
         bool stopped;
         assert_int_equal(status_after(cases[i], &stopped), SIGINT);
         assert_true(stopped);
+    }
+}
+
+static void a_stop_of_the_program_is_an_interrupt_and_no_first_signal(void **state)
+{
+    (void)state;
+    static const int cases[][MOST_STEPS] = {{REQUEST}, {REQUEST, REQUEST}, {REQUEST, SIGINT}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        bool stopped;
+        assert_int_equal(status_after(cases[i], &stopped), SIGINT);
+        assert_false(stopped);
     }
 }
 
@@ -99,6 +119,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_request_that_arrives_several_times_lets_the_work_end),
         cmocka_unit_test(a_second_request_of_the_user_ends_at_once),
+        cmocka_unit_test(a_stop_of_the_program_is_an_interrupt_and_no_first_signal),
         cmocka_unit_test(a_process_ends_with_the_signal_that_another_one_received),
         cmocka_unit_test(no_request_is_no_signal),
     };

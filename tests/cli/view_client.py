@@ -398,6 +398,18 @@ def control(url, folder):
         pass
 
 
+def run_action(url, action):
+    """Sends an action to a training and stays until the connection ends."""
+    page = Page(url)
+    page.wait("hello")
+    page.socket.send({"type": "run", "action": action})
+    try:
+        while True:
+            page.next()
+    except (Closed, OSError):
+        pass
+
+
 def status(url, *headers):
     """The HTTP status of a WebSocket handshake with these extra headers."""
     address = urlparse(url)
@@ -408,7 +420,7 @@ def status(url, *headers):
 def main():
     url, command = sys.argv[1:3]
     {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads,
-     "move": move, "control": control, "status": status}[command](url, *sys.argv[3:])
+     "move": move, "control": control, "action": run_action, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 
 

@@ -16,6 +16,7 @@ _Static_assert(ATOMIC_INT_LOCK_FREE == 2, "handlers need atomic integers without
 enum { PASSED_ON = 1 << 16, REPEATED_SECONDS = 5 };
 static atomic_int received; // the signal, with PASSED_ON while only the forwarded one has arrived
 static atomic_long received_at; // seconds, of the first one that is not forwarded
+static atomic_int stop_wanted;  // by the program itself; the handlers do not look at it
 static atomic_int checkpoint_wanted;
 
 static long seconds(void)
@@ -80,13 +81,18 @@ void interrupt_watch(void)
 
 int interrupt_signal(void)
 {
-    return received & ~PASSED_ON;
+    const int signal_number = received & ~PASSED_ON;
+    return signal_number ? signal_number : stop_wanted ? SIGINT : 0;
 }
 
 void interrupt_request(void)
 {
-    int before = 0;
-    atomic_compare_exchange_strong(&received, &before, SIGINT);
+    stop_wanted = 1;
+}
+
+bool interrupt_is_request(void)
+{
+    return stop_wanted && !received;
 }
 
 void interrupt_follow(int signal_number)

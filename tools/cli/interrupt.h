@@ -17,13 +17,15 @@
 // (nohup).
 void interrupt_watch(void);
 
-// The signal that requested a stop, or 0.
+// The signal that requested a stop, SIGINT for interrupt_request, or 0.
 int interrupt_signal(void);
 
-// The same requests by the program itself: a stop as by a first SIGINT (no effect after a signal),
-// and a checkpoint.
+// The same requests by the program itself: a stop and a checkpoint. The stop does not count as a
+// first signal: the next one requests the same stop and does not exit immediately.
 void interrupt_request(void);
 void interrupt_want_checkpoint(void);
+// True if the program has requested the stop, and no signal has.
+bool interrupt_is_request(void);
 
 // A stop because another process of this run has received this signal, as if it were forwarded: the
 // signal itself may still arrive here. No effect after a signal.

@@ -469,9 +469,10 @@ static bool stopped_early(const training *run)
 
 static const char *stop_text(const training *run)
 {
-    return run->stop == SGS_STOP_SIGNAL         ? "stopped by a signal"
-           : run->stop == SGS_STOP_TIME_LIMIT   ? "stopped by --time-limit"
-           : run->stop == SGS_STOP_MEMORY_LIMIT ? "stopped by --max-memory"
+    return interrupt_is_request() && run->stop == SGS_STOP_SIGNAL ? "stopped by the viewer"
+           : run->stop == SGS_STOP_SIGNAL                         ? "stopped by a signal"
+           : run->stop == SGS_STOP_TIME_LIMIT                     ? "stopped by --time-limit"
+           : run->stop == SGS_STOP_MEMORY_LIMIT                   ? "stopped by --max-memory"
                                                 : sgs_trainer_stop_text(run->trainer);
 }
 

@@ -78,6 +78,8 @@ static void act(void *context, run_action action)
         interrupt_want_checkpoint();
         break;
     case RUN_STOP:
+        if (!interrupt_signal())
+            print_note("stopped by the viewer; saving");
         interrupt_request();
         break;
     }

@@ -117,6 +117,13 @@ typedef struct sgs_renderer sgs_renderer;
 // Fails with OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
 SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
 SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
+// Limit of the memory for ray tables, bytes; 1 GiB initially. A renderer keeps the tables of recent
+// cameras, about 11 bytes per pixel for each lens and size, because making one takes a part of a
+// rendering. The table of the last rendering stays also if it exceeds the limit. Applies when the
+// next table is made. Cannot fail.
+SGS_API void sgs_renderer_ray_limit_set(sgs_renderer *renderer, size_t bytes);
+// Bytes of the ray tables that the renderer holds. Cannot fail.
+SGS_API size_t sgs_renderer_ray_bytes(const sgs_renderer *renderer);
 // Call it after every change of the model, of values or count: the next rendering rebuilds the BVH.
 // Cannot fail.
 SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);

@@ -416,6 +416,16 @@ void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
     sgsi_free(cache);
 }
 
+void sgsi_ray_cache_limit_set(sgsi_ray_cache *cache, size_t byte_limit)
+{
+    cache->byte_limit = byte_limit;
+}
+
+size_t sgsi_ray_cache_bytes(const sgsi_ray_cache *cache)
+{
+    return cache->bytes;
+}
+
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                               const sgsi_rays **rays)
 {
@@ -427,8 +437,9 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
             return SGS_STATUS_OK;
         }
     }
-    const size_t bytes = (size_t)camera->width * (size_t)camera->height * sizeof(sgsi_tile_rays) /
-                         (SGSI_TILE * SGSI_TILE);
+    const size_t columns = (size_t)(camera->width + SGSI_TILE - 1) / SGSI_TILE,
+                 rows = (size_t)(camera->height + SGSI_TILE - 1) / SGSI_TILE,
+                 bytes = columns * rows * sizeof(sgsi_tile_rays);
     for (;;) {
         int oldest = -1, empty = -1;
         for (int i = 0; i < CACHE_SLOTS; ++i) {

@@ -87,10 +87,15 @@ void sgsi_rays_cell_cones(const sgsi_rays *rays, sgsi_cone *cones);
 // The macrotile_side for a camera. Depends on its image size only, not on the number of threads.
 int sgsi_macrotile_side(const sgs_camera *camera);
 
-// Cache of ray tables by camera with least-recently-used eviction. Not thread-safe.
+// Cache of ray tables by camera with least-recently-used eviction. It holds one table also if that
+// exceeds the limit. Not thread-safe.
 typedef struct sgsi_ray_cache sgsi_ray_cache;
 sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache);
 void sgsi_ray_cache_destroy(sgsi_ray_cache *cache);
+// Applies when the next table is made.
+void sgsi_ray_cache_limit_set(sgsi_ray_cache *cache, size_t byte_limit);
+// Bytes of the tables it holds.
+size_t sgsi_ray_cache_bytes(const sgsi_ray_cache *cache);
 // The table is valid until the next call.
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                               const sgsi_rays **rays);

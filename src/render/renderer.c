@@ -18,6 +18,8 @@
 #include "base/threads.h"
 #include "trace/tracer.h"
 
+static const size_t RAY_BYTES = (size_t)1 << 30; // see sgs_renderer_ray_limit_set
+
 struct sgs_renderer {
     const sgs_gaussians *model;
     sgsi_tracer *tracer;
@@ -115,7 +117,7 @@ sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **render
     made->changed = true;
     sgs_status status = sgsi_tracer_create(&made->tracer);
     if (!status)
-        status = sgsi_ray_cache_create((size_t)1 << 30, &made->rays);
+        status = sgsi_ray_cache_create(RAY_BYTES, &made->rays);
     if (status) {
         sgs_renderer_destroy(made);
         return status;
@@ -136,6 +138,16 @@ void sgs_renderer_destroy(sgs_renderer *renderer)
     sgsi_free(renderer->filter_3d);
     sgsi_free(renderer->zeros);
     sgsi_free(renderer);
+}
+
+void sgs_renderer_ray_limit_set(sgs_renderer *renderer, size_t bytes)
+{
+    sgsi_ray_cache_limit_set(renderer->rays, bytes);
+}
+
+size_t sgs_renderer_ray_bytes(const sgs_renderer *renderer)
+{
+    return sgsi_ray_cache_bytes(renderer->rays);
 }
 
 sgs_status sgs_renderer_update(sgs_renderer *renderer)

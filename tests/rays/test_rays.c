@@ -163,6 +163,7 @@ static void cache_returns_one_table_per_camera_within_its_limit(void **state)
     const size_t tiles = 6 * 4, bytes = tiles * sizeof(sgsi_tile_rays);
     sgs_camera camera = cameras[0];
     const sgsi_rays *first, *again;
+    assert_true(bytes >= 2 * sizeof(float) * (size_t)camera.width * (size_t)camera.height);
     assert_int_equal(sgsi_ray_cache_create(3 * bytes, &cache), SGS_STATUS_OK);
     assert_int_equal(sgsi_ray_cache_get(cache, &camera, &first), SGS_STATUS_OK);
     assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
@@ -171,6 +172,13 @@ static void cache_returns_one_table_per_camera_within_its_limit(void **state)
         camera.params[2] = 41 + i;
         assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
         assert_true(again->camera.params[2] == 41 + i);
+        assert_int_equal(sgsi_ray_cache_bytes(cache), (i < 2 ? i + 1 : 3) * bytes);
+    }
+    sgsi_ray_cache_limit_set(cache, bytes / 2); // less than one table
+    for (int i = 0; i < 3; ++i) {
+        camera.params[2] = 1041 + i;
+        assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
+        assert_int_equal(sgsi_ray_cache_bytes(cache), bytes);
     }
     camera.params[0] = -1;
     assert_int_not_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);

@@ -75,7 +75,7 @@ bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, view_sou
         if (crop->preview == CROP_HIDE)
             sgs_selection_apply(preview->model, keep);
         done = preview->renderer ? !sgs_renderer_update(preview->renderer)
-                                 : !sgs_renderer_create(preview->model, &preview->renderer);
+                                 : view_renderer_create(preview->model, &preview->renderer);
     }
     free(keep);
     preview->crop = *crop;

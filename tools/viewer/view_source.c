@@ -36,6 +36,16 @@ static bool read_views(const char *folder, camera_list *list)
     return done;
 }
 
+bool view_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer)
+{
+    if (sgs_renderer_create(model, renderer)) {
+        fail_library();
+        return false;
+    }
+    sgs_renderer_ray_limit_set(*renderer, VIEWER_RAY_BYTES);
+    return true;
+}
+
 bool view_source_open(view_source *source, sgs_gaussians *model, const char *folder, int iteration)
 {
     pthread_mutex_init(&source->lock, NULL);
@@ -47,10 +57,8 @@ bool view_source_open(view_source *source, sgs_gaussians *model, const char *fol
     source->is_run = folder != NULL;
     if (folder)
         source->folder = format_text("%s", folder);
-    if (sgs_renderer_create(model, &source->renderer)) {
-        fail_library();
+    if (!view_renderer_create(model, &source->renderer))
         return false;
-    }
     if (folder && !region_history_read(folder, &source->history))
         return false;
     if (source->scene)

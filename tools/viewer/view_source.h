@@ -43,6 +43,11 @@ typedef struct view_source {
     region_history history; // updates with SPARE-GS
 } view_source;
 
+// A renderer whose ray tables take at most VIEWER_RAY_BYTES, or one table: every field of view,
+// size and lens that a page shows has its own. False after printing the error.
+enum { VIEWER_RAY_BYTES = 64 << 20 };
+bool view_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
+
 // Zero-initialise, set drawing, name and scene, then open. model becomes owned. folder: of
 // a run, whose regions and cameras are read, else NULL. False after printing the error; close in
 // any case.

@@ -26,8 +26,8 @@ start() {
     url=$(grep -ohE 'http://[^ ]*' "$temporary/$name.out" "$temporary/stderr" | head -1)
     check has_a_url test -n "$url"
 }
-wait_for() { # TEXT FILE
-    for _ in $(seq 600); do
+wait_for() { # TEXT FILE [TRIES]
+    for _ in $(seq "${3:-600}"); do
         grep -q "$1" "$2" 2>/dev/null || ! kill -0 "$training" 2>/dev/null && break
         sleep 0.05
     done
@@ -43,6 +43,20 @@ page() {
     grep '^FAIL' "$temporary/page"
     check "client: $*" test "$status" -eq 0 -a "$(grep -c '^FAIL' "$temporary/page")" -eq 0
 }
+
+# a_pause_outlives_its_page_by_a_minute: checked at the end.
+small=("$room" --downscale 4) # notes
+start idle --iterations 100000 --threads 1
+mv "$temporary/stderr" "$temporary/idle.err"
+idle=$training
+wait_for '^100,' "$temporary/idle/train.csv"
+page action pause leave
+wait_for 'paused by the viewer; Ctrl-C saves and ends' "$temporary/idle.err"
+page action continue leave
+page action pause leave
+paused_at=$(date +%s)
+page action pause leave # a second request says nothing
+small+=(--quiet)
 
 # viewing_keeps_the_bits
 run 0 train "${small[@]}" -o "$temporary/alone" --iterations 150
@@ -67,7 +81,7 @@ check the_viewer_is_named test "$(jq -r .stop_text "$temporary/controlled/summar
 check it_can_be_resumed test -e "$temporary/controlled/checkpoint/state.bin"
 
 # a_first_signal_after_a_stop_of_the_page_is_the_same_request
-small=("$room" --downscale 4) # notes
+small=("$room" --downscale 4)
 start both --iterations 100000
 wait_for '^100,' "$temporary/both/train.csv"
 python3 "$client" "$url" action stop &
@@ -92,6 +106,34 @@ kill -TERM "$training"
 ends 143
 wait "$first"
 check the_result_is_json jq -e .model_hash "$temporary/stopped.out"
+
+# The pause from above.
+training=$idle
+last_command="sparegs train, paused"
+before=$(tail -1 "$temporary/idle/train.csv" | cut -d, -f1)
+if [ $(($(date +%s) - paused_at)) -lt 50 ]; then
+    check a_pause_holds_without_its_page bash -c "sleep 2; test $before = \"\$(tail -1 '$temporary/idle/train.csv' | cut -d, -f1)\""
+fi
+wait_for 'continued: no page has been open for a minute' "$temporary/idle.err" 2400
+wait_for "^$((before + 100))," "$temporary/idle/train.csv"
+check it_continues_by_itself grep -q "^$((before + 100))," "$temporary/idle/train.csv"
+kill -INT "$training"
+ends 130
+check notes_in_order test "$(grep -oE '^sparegs: (paused|continued)[a-z: ]*' "$temporary/idle.err" | tr '\n' '|')" = \
+    'sparegs: paused by the viewer|sparegs: continued by the viewer|sparegs: paused by the viewer|sparegs: continued: no page has been open for a minute|'
+
+# the_line_on_a_terminal_says_that_it_is_paused
+last_command="sparegs train, on a terminal"
+python3 -c 'import pty, sys; pty.spawn(sys.argv[1:])' "$program" train "$room" --downscale 4 -o "$temporary/terminal" --view 0 \
+    --iterations 100000 >"$temporary/terminal.out" </dev/null &
+training=$!
+wait_for http "$temporary/terminal.out"
+url=$(grep -o 'http://[^ [:cntrl:]]*' "$temporary/terminal.out" | head -1)
+page action pause leave
+wait_for 'primitives  paused  RSS' "$temporary/terminal.out"
+check the_line_says_paused grep -q 'primitives  paused  RSS' "$temporary/terminal.out"
+page action stop
+wait "$training"
 
 # ---- Errors ----
 python3 -c 'import socket, sys, time

@@ -398,11 +398,15 @@ def control(url, folder):
         pass
 
 
-def run_action(url, action):
-    """Sends an action to a training and stays until the connection ends."""
+def run_action(url, action, leave=""):
+    """Sends an action to a training and stays until the connection ends, or with `leave` until it is announced."""
     page = Page(url)
     page.wait("hello")
     page.socket.send({"type": "run", "action": action})
+    if leave:
+        page.wait("progress", lambda message: message["paused"] == (action == "pause"))
+        page.socket.close()
+        return
     try:
         while True:
             page.next()

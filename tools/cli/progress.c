@@ -239,41 +239,58 @@ static int terminal_width(void)
     return !ioctl(STDERR_FILENO, TIOCGWINSZ, &size) && size.ws_col > 0 ? size.ws_col : 80;
 }
 
+static void print_state(const char *numbers, const progress_state *state)
+{
+    char bar[BAR_WIDTH + 1] = {0}, line[512];
+    const bool terminal = isatty(STDERR_FILENO);
+    const int full = (int)((double)BAR_WIDTH * state->iteration / state->total);
+    for (int i = 0; i < BAR_WIDTH; ++i)
+        bar[i] = i < full ? '#' : '.';
+    snprintf(line, sizeof line, "[%s] %s", bar, numbers);
+    pthread_mutex_lock(&console.lock);
+    if (terminal)
+        fprintf(stderr, "\r%.*s\033[K", terminal_width() - 1, line);
+    else
+        fprintf(stderr, "%s\n", numbers);
+    fflush(stderr);
+    console.live = terminal;
+    pthread_mutex_unlock(&console.lock);
+}
+
 void progress_step(const progress_state *state)
 {
     if (console.quiet)
         return;
-    const bool terminal = isatty(STDERR_FILENO);
     const bool last = state->iteration == state->total;
     const double now = clock_seconds();
     measure_rate(state->iteration, now);
-    if (terminal ? now - console.drawn_at < 0.1 && !last : state->iteration % LINE_EVERY && !last)
+    if (isatty(STDERR_FILENO) ? now - console.drawn_at < 0.1 && !last
+                              : state->iteration % LINE_EVERY && !last)
         return;
     console.drawn_at = now;
-    char left[24], numbers[256], line[512];
+    char left[24], numbers[256];
     duration_text(
         console.shown_rate > 0 ? (state->total - state->iteration) / console.shown_rate : -1, left);
     snprintf(numbers, sizeof numbers,
              "%d/%d  loss %.4f  %zu primitives  %.1f it/s  ETA %s  RSS %.0f MB", state->iteration,
              state->total, state->loss, state->gaussians, console.shown_rate, left,
              (double)sgs_rss_current() / 1e6);
-    if (terminal) {
-        char bar[BAR_WIDTH + 1] = {0};
-        const int full = (int)((double)BAR_WIDTH * state->iteration / state->total);
-        for (int i = 0; i < BAR_WIDTH; ++i)
-            bar[i] = i < full ? '#' : '.';
-        snprintf(line, sizeof line, "[%s] %s", bar, numbers);
-    } else {
-        snprintf(line, sizeof line, "%s", numbers);
-    }
-    pthread_mutex_lock(&console.lock);
-    if (terminal)
-        fprintf(stderr, "\r%.*s\033[K", terminal_width() - 1, line);
-    else
-        fprintf(stderr, "%s\n", line);
-    fflush(stderr);
-    console.live = terminal;
-    pthread_mutex_unlock(&console.lock);
+    print_state(numbers, state);
+}
+
+void progress_pause(const progress_state *state)
+{
+    const double now = clock_seconds();
+    console.measured_at = now;
+    console.measured_iteration = state->iteration;
+    if (console.quiet || !isatty(STDERR_FILENO) || now - console.drawn_at < 0.5)
+        return;
+    console.drawn_at = now;
+    char numbers[256];
+    snprintf(numbers, sizeof numbers, "%d/%d  loss %.4f  %zu primitives  paused  RSS %.0f MB",
+             state->iteration, state->total, state->loss, state->gaussians,
+             (double)sgs_rss_current() / 1e6);
+    print_state(numbers, state);
 }
 
 void progress_end(void)

@@ -45,6 +45,9 @@ void progress_start(int iteration);
 // On a terminal redraws the progress line, at most ten times per second; otherwise prints a line
 // per 100 iterations.
 void progress_step(const progress_state *state);
+// Call repeatedly while the training is paused, which does not count for the rate. On a terminal
+// the progress line then says "paused".
+void progress_pause(const progress_state *state);
 // Clears the progress line.
 void progress_end(void);
 

@@ -28,6 +28,7 @@ struct training_view {
     // Of the training thread.
     double reported;
     int reported_iteration;
+    pause_watch watch;
 };
 
 // ---- What pages see ----
@@ -65,14 +66,35 @@ static void report(training_view *view)
     view_hub_broadcast(&view->session.hub, progress_json(view));
 }
 
+// ---- Pauses ----
+
+bool pause_watch_expires(pause_watch *watch, int pages, double now)
+{
+    if (pages > 0)
+        watch->is_alone = false;
+    else if (!watch->is_alone)
+        *watch = (pause_watch){true, now};
+    return watch->is_alone && now - watch->since >= PAUSE_SECONDS_ALONE;
+}
+
+// A paused training leaves the cores to the viewer.
+static void set_paused(training_view *view, bool paused, const char *note)
+{
+    atomic_store(&view->session.artist.share, paused ? 1 : view->share);
+    if (atomic_exchange(&view->paused, paused) != paused)
+        print_note("%s", note);
+}
+
 // Called by a thread of the server.
 static void act(void *context, run_action action)
 {
     training_view *view = context;
     switch (action) {
     case RUN_PAUSE:
+        set_paused(view, true, "paused by the viewer; Ctrl-C saves and ends");
+        break;
     case RUN_CONTINUE:
-        atomic_store(&view->paused, action == RUN_PAUSE);
+        set_paused(view, false, "continued by the viewer");
         break;
     case RUN_CHECKPOINT:
         interrupt_want_checkpoint();
@@ -83,8 +105,6 @@ static void act(void *context, run_action action)
         interrupt_request();
         break;
     }
-    // A paused training leaves the cores to the viewer.
-    atomic_store(&view->session.artist.share, atomic_load(&view->paused) ? 1 : view->share);
     pthread_mutex_lock(&view->lock);
     pthread_cond_broadcast(&view->changed);
     pthread_mutex_unlock(&view->lock);
@@ -219,11 +239,26 @@ static void offer_last(training_view *view, const sgs_trainer *trainer)
         view_hub_wake(&view->session.hub);
 }
 
+static void show_pause(training_view *view)
+{
+    const sgs_step_info *info = &view->info; // written by this thread only
+    progress_pause(&(progress_state){info->iteration, view->total, info->loss_average,
+                                     info->psnr_average, info->gaussians});
+    if (!pause_watch_expires(&view->watch, view_hub_count(&view->session.hub), clock_seconds()))
+        return;
+    set_paused(view, false, "continued: no page has been open for a minute");
+    report(view);
+}
+
 bool training_view_holds(training_view *view, const sgs_trainer *trainer)
 {
-    if (!view || !atomic_load(&view->paused))
+    if (!view || !atomic_load(&view->paused)) {
+        if (view)
+            view->watch = (pause_watch){0};
         return false;
+    }
     offer_last(view, trainer);
+    show_pause(view);
     const double end = clock_seconds() + 0.1;
     const struct timespec until = {(time_t)end, (long)((end - (double)(time_t)end) * 1e9)};
     pthread_mutex_lock(&view->lock);

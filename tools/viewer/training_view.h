@@ -31,11 +31,22 @@ bool training_view_wants(training_view *view);
 // After an iteration. With several ranks, after sgs_trainer_collect if the viewer wants the model.
 void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer);
 // True while a page has paused the training; returns after a fraction of a second. Call until
-// false.
+// false. A pause ends PAUSE_SECONDS_ALONE after the last page has gone, so that a batch job does
+// not idle until its time limit.
 bool training_view_holds(training_view *view, const sgs_trainer *trainer);
 // The training has ended; pages can be used until training_view_close.
 void training_view_finish(training_view *view, const sgs_trainer *trainer);
 void training_view_close(training_view *view);
+
+// The time without pages of a pause; zero-initialise.
+enum { PAUSE_SECONDS_ALONE = 60 };
+typedef struct pause_watch {
+    bool is_alone;
+    double since; // seconds
+} pause_watch;
+// Call repeatedly with the number of connected pages and the time. True if no page has been
+// connected for PAUSE_SECONDS_ALONE.
+bool pause_watch_expires(pause_watch *watch, int pages, double now);
 
 // NULL if the texts of --view and --view-token (or NULL) are valid, else what is expected.
 const char *training_view_check(const char *place, const char *token);

@@ -341,6 +341,44 @@ def never_reads(url):
     deaf.socket.close()
 
 
+def stalled(url, seconds):
+    """A page that stops reading within a picture is dropped there: nothing follows a part of a message. Reads again after
+    1 to 2 times the server's time limit, when a server that continues is sending the next message."""
+    plain = socket.create_connection
+
+    def small(at, timeout=None):
+        link = socket.socket()
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        link.settimeout(timeout)
+        link.connect(at)
+        return link
+
+    socket.create_connection = small
+    deaf = Page(url)
+    socket.create_connection = plain
+    deaf.wait("hello")
+    deaf.look(width=4000, height=4000, view=0)
+    size = 0
+    while size <= 4 << 20:  # up to a picture that is larger than the buffer of a socket (tcp_wmem)
+        opcode, size, _ = deaf.socket.head()
+        payload = deaf.socket.take(size) if size <= 4 << 20 else b""
+        if opcode == 9:
+            deaf.socket.frame(10, payload)
+        elif payload:
+            head = json.loads(payload[4:4 + struct.unpack("<I", payload[:4])[0]])
+            deaf.socket.send({"type": "ack", "number": head["frame"]})
+    deaf.socket.send({"type": "history"})
+    time.sleep(float(seconds))
+    data = deaf.socket.buffer
+    try:
+        while part := deaf.socket.socket.recv(1 << 20):
+            data += part
+    except OSError:
+        pass
+    expect("the_end_is_a_part_of_the_picture", len(data) < size, (len(data), size))
+    expect("nothing_follows_the_part", b'{"type":"history"' not in data, data.find(b'{"type":"history"'))
+
+
 def move(url):
     """Moves until the connection ends; prints the number of pictures."""
     count = 0
@@ -423,7 +461,7 @@ def status(url, *headers):
 
 def main():
     url, command = sys.argv[1:3]
-    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads,
+    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads, "stalled": stalled,
      "move": move, "control": control, "action": run_action, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 

@@ -39,7 +39,7 @@ class WebSocket:
             raise Closed()
         self.buffer += data
 
-    def _take(self, count):
+    def take(self, count):
         while len(self.buffer) < count:
             self._fill()
         data, self.buffer = self.buffer[:count], self.buffer[count:]
@@ -65,17 +65,22 @@ class WebSocket:
     def send(self, message):
         self.frame(1, (message if isinstance(message, str) else json.dumps(message)).encode())
 
+    def head(self):
+        """Reads the head of a frame: opcode, size of the payload that follows, whether it is the last of its message."""
+        first, second = self.take(2)
+        size = second & 127
+        if size == 126:
+            size = struct.unpack(">H", self.take(2))[0]
+        elif size == 127:
+            size = struct.unpack(">Q", self.take(8))[0]
+        return first & 15, size, bool(first & 128)
+
     def receive(self):
         """The next message: str, bytes, or None after a close frame."""
         parts = []
         while True:
-            first, second = self._take(2)
-            size = second & 127
-            if size == 126:
-                size = struct.unpack(">H", self._take(2))[0]
-            elif size == 127:
-                size = struct.unpack(">Q", self._take(8))[0]
-            payload, opcode = self._take(size), first & 15
+            opcode, size, final = self.head()
+            payload = self.take(size)
             if opcode == 8:
                 return None
             if opcode == 9:
@@ -85,7 +90,7 @@ class WebSocket:
                 continue
             parts.append(payload)
             text = opcode == 1 if opcode else text
-            if first & 128:
+            if final:
                 data = b"".join(parts)
                 return data.decode() if text else data
 

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// CivetWeb calls answer_request first for every request, and the WebSocket functions only if it
-// returns 0, which it does for /stream. CivetWeb has no document root, so it never opens a file.
+// CivetWeb calls answer_request first for every request, and the functions of view_stream.c only if
+// it returns 0, which it does for /stream. CivetWeb has no document root, so it never opens a file.
 // One of its threads belongs to each connection; the hub's own threads send, so that a page that
 // does not read blocks only its own thread, until CivetWeb's time limit. CivetWeb's threads have
 // stacks of 100 KB, which include all thread-local variables of the program.
@@ -23,6 +23,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "viewer/photo_picture.h"
+#include "viewer/view_stream.h"
 
 extern const char viewer_page[]; // generated from viewer_page.html, .css and .js
 
@@ -235,55 +236,6 @@ static int answer_request(struct mg_connection *connection)
     return route(server, connection, info, &request);
 }
 
-// ---- WebSockets ----
-
-static bool send_message(void *context, bool binary, const void *bytes, size_t size)
-{
-    return mg_websocket_write(context,
-                              binary ? MG_WEBSOCKET_OPCODE_BINARY : MG_WEBSOCKET_OPCODE_TEXT, bytes,
-                              size) > 0;
-}
-
-static void socket_ready(struct mg_connection *connection, void *user)
-{
-    static const char full[] = "{\"type\":\"full\"}";
-    static const unsigned char try_later[2] = {1013 >> 8, 1013 & 255}; // RFC 6455 registry
-    const view_server *server = user;
-    view_client *client = view_hub_join(server->options.hub, send_message, connection);
-    mg_set_user_connection_data(connection, client);
-    if (client)
-        return;
-    mg_websocket_write(connection, MG_WEBSOCKET_OPCODE_TEXT, full, sizeof full - 1);
-    mg_websocket_write(connection, MG_WEBSOCKET_OPCODE_CONNECTION_CLOSE, (const char *)try_later,
-                       sizeof try_later);
-}
-
-static int socket_data(struct mg_connection *connection, int bits, char *data, size_t size,
-                       void *user)
-{
-    enum { FINAL = 0x80, RESERVED = 0x70, OPCODE = 0x0f };
-    (void)user;
-    view_client *client = mg_get_user_connection_data(connection);
-    const int opcode = bits & OPCODE;
-    if (!client || bits & RESERVED)
-        return 0;
-    if (opcode == MG_WEBSOCKET_OPCODE_PONG || opcode == MG_WEBSOCKET_OPCODE_PING)
-        return 1;
-    // Pages send short texts, which browsers do not fragment.
-    if (opcode != MG_WEBSOCKET_OPCODE_TEXT || !(bits & FINAL) || size > MESSAGE_BYTES)
-        return 0;
-    return view_hub_receive(client, data, size);
-}
-
-static void socket_close(const struct mg_connection *connection, void *user)
-{
-    (void)user;
-    view_client *client = mg_get_user_connection_data(connection);
-    mg_set_user_connection_data(connection, NULL);
-    if (client)
-        view_hub_leave(client);
-}
-
 // ---- Start and stop ----
 
 static int drop_message(const struct mg_connection *connection, const char *message)
@@ -346,8 +298,7 @@ view_server *view_server_start(const view_server_options *options)
     }
     server->rules.port = port.port;
     server->url = url_of(server);
-    mg_set_websocket_handler(server->context, "/stream$", NULL, socket_ready, socket_data,
-                             socket_close, server);
+    view_stream_serve(server->context, options->hub);
     return server;
 }
 

@@ -163,6 +163,35 @@ check a_cookie_is_set bash -c "curl -si '$url' | grep -qi '^set-cookie: .*HttpOn
 check handshake_with_token test "$(handshake "$url")" = 101
 check handshake_with_cookie test "$(handshake "${url%%\?*}" "Cookie: sparegs_view_$(sed -E 's/.*:([0-9]+).*/\1/' <<<"$url")=a-token-of-this-test")" = 101
 stop INT
+# The command line is readable for all users, the environment is not.
+start "$temporary/model.ply" --port 0 --token random
+check a_random_token_is_in_the_url grep -qE '/\?token=[A-Za-z0-9_-]{32}$' "$temporary/url"
+check the_command_line_does_not_have_it bash -c "! tr '\\0' ' ' </proc/$server/cmdline | grep -qF '${url#*token=}'"
+code 401 "${url%%\?*}"
+code 200 "$url"
+earlier=$url
+stop TERM
+export SPAREGS_TOKEN=token-of-the-environment
+start "$temporary/model.ply" --port 0
+check the_variable_is_the_token grep -q '?token=token-of-the-environment$' "$temporary/url"
+code 401 "${url%%\?*}"
+code 200 "$url"
+stop TERM
+SPAREGS_TOKEN=random start "$temporary/model.ply" --port 0
+check the_variable_may_be_random grep -qE '/\?token=[A-Za-z0-9_-]{32}$' "$temporary/url"
+check tokens_differ test "${url#*token=}" != "${earlier#*token=}"
+stop TERM
+start "$temporary/model.ply" --port 0 --token token-of-the-option
+check the_option_comes_first grep -q '?token=token-of-the-option$' "$temporary/url"
+stop TERM
+SPAREGS_TOKEN=short run 2 view "$temporary/model.ply"
+reports "SPAREGS_TOKEN: must be"
+SPAREGS_TOKEN=short run 2 train "$room" -o "$temporary/none" --view 0
+reports "SPAREGS_TOKEN: must be"
+SPAREGS_TOKEN='' start "$temporary/model.ply" --port 0
+check an_empty_variable_is_none bash -c "! grep -q token '$temporary/url'"
+stop TERM
+unset SPAREGS_TOKEN
 start "$temporary/model.ply" --port 0 --address 0.0.0.0
 check another_address_has_a_random_token grep -qE '\?token=[A-Za-z0-9_-]{32}$' "$temporary/url"
 # ---- Errors: the port of this server ----

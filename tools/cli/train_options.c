@@ -106,9 +106,10 @@ static const option output_options[] = {
      .kind = OPTION_TEXT,
      .offset = AT(view_token),
      .argument = "T",
-     .shown = "random; none for 127.0.0.1",
+     .shown = "SPAREGS_TOKEN, else random; none for 127.0.0.0/8",
      .needs = "view",
-     .help = "token that the viewer requires, 8 to 128 letters, digits, '-' or '_'"},
+     .help = "token that the viewer requires: random, or 8 to 128 letters, digits, '-' or '_'; see "
+             "'sparegs help view'"},
 };
 
 // Defaults that the program resolves itself, in words.

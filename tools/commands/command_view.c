@@ -40,14 +40,16 @@ static const option view_options_table[] = {
      .offset = offsetof(view_values, address),
      .argument = "A",
      .initial = "127.0.0.1",
-     .help = "IPv4 address to listen on; 0.0.0.0 for all. Every address except 127.0.0.1 requires "
-             "the token that is part of the printed URL"},
+     .help = "IPv4 address to listen on; 0.0.0.0 for all. Every address outside 127.0.0.0/8 "
+             "requires the token that is part of the printed URL"},
     {.name = "token",
      .kind = OPTION_TEXT,
      .offset = offsetof(view_values, token),
      .argument = "T",
-     .shown = "random; none for 127.0.0.1",
-     .help = "require this token, 8 to 128 letters, digits, '-' or '_'"},
+     .shown = "SPAREGS_TOKEN, else random; none for 127.0.0.0/8",
+     .help = "require this token: random, or 8 to 128 letters, digits, '-' or '_', which other "
+             "users of the machine can read on the command line, but not in the environment "
+             "variable SPAREGS_TOKEN"},
     {.name = "export",
      .kind = OPTION_TEXT,
      .offset = offsetof(view_values, export),
@@ -158,8 +160,9 @@ static int check_values(const view_values *values)
     if (values->export &&
         (!sgs_model_format_of_name(values->export, &format) || format != SGS_MODEL_HTML))
         return fail_usage("--export: '%s' does not end in .html", values->export);
-    if (values->token && !token_is_valid(values->token))
-        return fail_usage("--token: must be 8 to 128 letters, digits, '-' or '_'");
+    if ((values->token || !values->export) && !view_token_is_possible(values->token))
+        return fail_usage("%s: " VIEW_TOKEN_SYNTAX,
+                          values->token ? "--token" : VIEW_TOKEN_VARIABLE);
     return -1;
 }
 

@@ -118,8 +118,9 @@ const char *training_view_check(const char *place, const char *token)
     view_address address;
     if (place && !view_address_parse(place, &address))
         return "--view: must be PORT or ADDRESS:PORT with a numeric IPv4 address";
-    if (token && !token_is_valid(token))
-        return "--view-token: must be 8 to 128 letters, digits, '-' or '_'";
+    if ((place || token) && !view_token_is_possible(token))
+        return token ? "--view-token: " VIEW_TOKEN_SYNTAX
+                     : VIEW_TOKEN_VARIABLE ": " VIEW_TOKEN_SYNTAX;
     return NULL;
 }
 

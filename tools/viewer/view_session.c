@@ -4,6 +4,7 @@
 #include "viewer/view_session.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "cli/progress.h"
@@ -23,6 +24,37 @@ static json_t *history(void *context)
     return view_history(&((view_session *)context)->source);
 }
 
+static const char *token_or_variable(const char *token)
+{
+    const char *variable = getenv(VIEW_TOKEN_VARIABLE);
+    return token ? token : variable && *variable ? variable : NULL;
+}
+
+static bool is_random(const char *token)
+{
+    return !strcmp(token, "random");
+}
+
+bool view_token_is_possible(const char *token)
+{
+    token = token_or_variable(token);
+    return !token || is_random(token) || token_is_valid(token);
+}
+
+// False after printing the error.
+static bool choose_token(view_session *session, const view_session_options *options)
+{
+    const char *token = token_or_variable(options->token);
+    if (token && !is_random(token))
+        snprintf(session->token, sizeof session->token, "%s", token);
+    else if ((token || !view_address_is_loopback(&options->address)) &&
+             !token_create(session->token)) {
+        fail_run("the system provides no random numbers for a token; set one");
+        return false;
+    }
+    return true;
+}
+
 bool view_session_start(view_session *session, const view_session_options *options)
 {
     session->training = options->training;
@@ -37,12 +69,8 @@ bool view_session_start(view_session *session, const view_session_options *optio
     session->artist.context = session;
     session->artist.is_live = options->training;
     atomic_store(&session->artist.share, options->share);
-    if (options->token)
-        snprintf(session->token, sizeof session->token, "%s", options->token);
-    else if (!view_address_is_loopback(&options->address) && !token_create(session->token)) {
-        fail_run("the system provides no random numbers for a token; set one");
+    if (!choose_token(session, options))
         return false;
-    }
     const view_server_options server = {.address = options->address,
                                         .token = *session->token ? session->token : NULL,
                                         .hub = &session->hub,

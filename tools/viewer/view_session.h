@@ -22,10 +22,19 @@ typedef struct view_session {
 
 typedef struct view_session_options {
     view_address address;
-    const char *token; // NULL: random for an address other than the loopback, else none
-    double share;      // see view_artist.h
-    bool training;     // the model is replaced by view_source_offer
+    // Valid or "random"; NULL: that of SPAREGS_TOKEN, without it random for an address other than
+    // the loopback, else none.
+    const char *token;
+    double share;  // see view_artist.h
+    bool training; // the model is replaced by view_source_offer
 } view_session_options;
+
+// The environment variable with the token: unlike a command line, other users cannot read it.
+#define VIEW_TOKEN_VARIABLE "SPAREGS_TOKEN"
+#define VIEW_TOKEN_SYNTAX "must be random, or 8 to 128 letters, digits, '-' or '_'"
+// True if the token of the options, or that of the variable without one, has this syntax or is
+// absent.
+bool view_token_is_possible(const char *token);
 
 // Serves the opened session->source. False after printing the error; call view_session_stop in any
 // case.

@@ -144,7 +144,8 @@ last_command=$served
 page progressive
 page many
 page never_reads
-page stalled 14 # seconds; the limit is 10
+page idle
+page stalled 9 # seconds; the limit is 5, rounded up to even seconds
 page hostile
 page storm 1000
 check serves_after_all_that test "$(curl -s -o /dev/null -w '%{http_code}' "$url")" = 200

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from urllib.parse import urlparse
+from urllib.request import urlopen
 
 from websocket_client import Closed, WebSocket
 
@@ -341,6 +342,23 @@ def never_reads(url):
     deaf.socket.close()
 
 
+def idle(url):
+    """Connections without a request, which take threads of the server, do not delay a page."""
+    address = urlparse(url)
+    links = [socket.create_connection((address.hostname, address.port)) for _ in range(100)]
+    with urlopen(url) as answer:
+        expect("a_page_next_to_idle_connections", answer.status == 200)
+    closed = 0
+    for link in links:
+        link.setblocking(False)
+        try:
+            closed += link.recv(1) == b""
+        except BlockingIOError:
+            pass
+        link.close()
+    expect("it_does_not_wait_for_their_end", closed == 0, closed)
+
+
 def stalled(url, seconds):
     """A page that stops reading within a picture is dropped there: nothing follows a part of a message. Reads again after
     1 to 2 times the server's time limit, when a server that continues is sending the next message."""
@@ -461,7 +479,7 @@ def status(url, *headers):
 
 def main():
     url, command = sys.argv[1:3]
-    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads, "stalled": stalled,
+    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads, "stalled": stalled, "idle": idle,
      "move": move, "control": control, "action": run_action, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 

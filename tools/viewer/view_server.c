@@ -27,7 +27,11 @@
 
 extern const char viewer_page[]; // generated from viewer_page.html, .css and .js
 
-enum { CONNECTIONS = 32, NONCE_LENGTH = TOKEN_LENGTH };
+enum { NONCE_LENGTH = TOKEN_LENGTH };
+// A connection takes a thread before its request is known, for at most the time limit. The limit
+// is also that of a write without progress.
+#define CONNECTIONS "128"
+#define TIME_LIMIT_MS "5000"
 
 struct view_server {
     view_server_options options;
@@ -261,15 +265,14 @@ view_server *view_server_start(const view_server_options *options)
     if (!view_address_is_free(&options->address))
         return NULL;
     view_server *server = calloc(1, sizeof *server);
-    char listening[96], threads[16];
+    char listening[96];
     snprintf(listening, sizeof listening, "%s:%d", options->address.host, options->address.port);
-    snprintf(threads, sizeof threads, "%d", CONNECTIONS);
     const char *settings[] = {"listening_ports",
                               listening,
                               "num_threads",
-                              threads,
+                              CONNECTIONS,
                               "request_timeout_ms",
-                              "10000",
+                              TIME_LIMIT_MS,
                               "websocket_timeout_ms",
                               "10000",
                               "enable_websocket_ping_pong",

@@ -144,6 +144,7 @@ last_command=$served
 page progressive
 page many
 page never_reads
+page frames
 page idle
 page stalled 9 # seconds; the limit is 5, rounded up to even seconds
 page hostile

@@ -342,6 +342,55 @@ def never_reads(url):
     deaf.socket.close()
 
 
+def frames(url):
+    """What the server answers to frames: status of its close frame, pongs, messages in parts, and parts that do not end."""
+
+    def answer(*sent, raw=b""):
+        page = Page(url)
+        page.wait("hello")
+        try:
+            for opcode, payload, more in sent:
+                page.socket.frame(opcode, payload, **more)
+            page.socket.socket.sendall(raw)
+            opcode, size, _ = page.socket.head()
+            payload = page.socket.take(size)
+        except (Closed, OSError):
+            opcode, payload = None, b""
+        page.socket.close()
+        return struct.unpack(">H", payload[:2])[0] if opcode == 8 and len(payload) >= 2 else (opcode, payload[:17])
+
+    part, history = {"final": False}, b'{"type":"history"}'
+    cases = {
+        "close": (answer((8, b"\x03\xe8", {})), 1000),
+        "ping": (answer((9, b"x" * 10, {})), (10, b"x" * 10)),
+        "parts": (answer((1, history[:9], part), (9, b"", {}), (0, history[9:], {})), (10, b"")),
+        "two_parts": (answer((1, history[:9], part), (0, history[9:], {})), (1, b'{"type":"history"')),
+        "unmasked": (answer((1, history, {"masked": False})), 1002),
+        "reserved_bits": (answer((1, history, {"reserved": 4})), 1002),
+        "long_ping": (answer((9, b"x" * 126, {})), 1002),
+        "continuation_of_nothing": (answer((0, b"{}", {})), 1002),
+        "binary": (answer((2, b"{}", {})), 1003),
+        "long": (answer((1, b"x" * 65537, {})), 1009),
+        "long_in_parts": (answer((1, b"x" * 40000, part), (0, b"x" * 40000, {})), 1009),
+        "announced_4_EiB": (answer(raw=bytes([0x81, 0xFF]) + struct.pack(">Q", 1 << 62)), 1009),
+    }
+    for name, (found, expected) in cases.items():
+        expect("answer_to_" + name, found == expected, (found, expected))
+    pages = [Page(url) for _ in range(8)]  # all slots
+    for page in pages:
+        page.wait("hello")
+        page.socket.socket.sendall(bytes([0x81, 0xFE]) + struct.pack(">H", 100) + b"maskx")  # 1 of 100 bytes
+    end, kind = time.monotonic() + 120, None
+    while kind != "hello" and time.monotonic() < end:
+        late = Page(url)
+        kind = late.next()[0]
+        late.socket.close()
+        time.sleep(0.5)
+    expect("frames_that_do_not_end_give_their_slots_back", kind == "hello", kind)
+    for page in pages:
+        page.socket.close()
+
+
 def idle(url):
     """Connections without a request, which take threads of the server, do not delay a page."""
     address = urlparse(url)
@@ -479,7 +528,7 @@ def status(url, *headers):
 
 def main():
     url, command = sys.argv[1:3]
-    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads, "stalled": stalled, "idle": idle,
+    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads, "stalled": stalled, "idle": idle, "frames": frames,
      "move": move, "control": control, "action": run_action, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 

@@ -172,6 +172,14 @@ void view_hub_wake(view_hub *hub)
     pthread_mutex_unlock(&hub->lock);
 }
 
+bool view_hub_is_stopping(view_hub *hub)
+{
+    pthread_mutex_lock(&hub->lock);
+    const bool stopping = hub->stopping;
+    pthread_mutex_unlock(&hub->lock);
+    return stopping;
+}
+
 int view_hub_count(view_hub *hub)
 {
     int count = 0;

@@ -90,5 +90,7 @@ void view_hub_post_json(view_client *client, json_t *root);
 void view_hub_broadcast(view_hub *hub, json_t *root);
 // Wakes the artist: the source has a new model.
 void view_hub_wake(view_hub *hub);
+// True after view_hub_stop. Takes the lock.
+bool view_hub_is_stopping(view_hub *hub);
 // Number of connected clients. Takes the lock.
 int view_hub_count(view_hub *hub);

@@ -1,19 +1,37 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One of CivetWeb's threads reads from each connection, the hub's own threads send. CivetWeb gives
-// up sending after its time limit, in the middle of a message, and does not report its socket. The
-// socket is therefore found by the address of the page, and shut down: nothing else can follow half
-// a message, and the thread that reads ends.
+// One of CivetWeb's threads reads from each connection, the hub's own threads send. CivetWeb does
+// the handshake and writes frames, but reads frames of up to 2 GiB and waits for the rest of one
+// without limit. It also gives up sending after its time limit, in the middle of a message. Frames
+// are therefore read here, and the socket is shut down after a part of a message: nothing else can
+// follow, and the thread that reads ends. The socket, which CivetWeb does not report, is found by
+// the address of the page.
 
 #include "viewer/view_stream.h"
 
 #include <arpa/inet.h>
+#include <errno.h>
+#include <math.h>
 #include <netinet/in.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
+
+#include "cli/progress.h"
+#include "viewer/frame_input.h"
+
+enum {
+    MESSAGE_SECONDS = 10, // from the first byte of a message to its last
+    PING_SECONDS = 10,    // after the last byte
+    SILENT_SECONDS = 60,  // pages answer pings
+    DRAIN_SECONDS = 1
+};
+
+// Status of a close frame: RFC 6455, section 7.4.1, and its registry.
+enum { CLOSE_NORMAL = 1000, CLOSE_GOING_AWAY = 1001, CLOSE_POLICY = 1008, CLOSE_TRY_LATER = 1013 };
 
 typedef struct stream {
     struct mg_connection *connection;
@@ -59,51 +77,121 @@ static bool send_message(void *context, bool binary, const void *bytes, size_t s
                       bytes, size);
 }
 
-static void stream_ready(struct mg_connection *connection, void *hub)
+static void send_close(const stream *s, int status)
+{
+    const unsigned char bytes[2] = {(unsigned char)(status >> 8), (unsigned char)status};
+    send_frame(s, MG_WEBSOCKET_OPCODE_CONNECTION_CLOSE, bytes, sizeof bytes);
+}
+
+// ---- Reading ----
+
+// Bytes read into the buffer; 0 if none arrived in a moment, -1 at the end of the connection.
+static ssize_t receive(int fd, void *buffer, size_t size)
+{
+    struct pollfd one = {.fd = fd, .events = POLLIN};
+    if (poll(&one, 1, 250) <= 0)
+        return 0;
+    const ssize_t count = recv(fd, buffer, size, MSG_DONTWAIT);
+    return count > 0 ? count : count < 0 && (errno == EAGAIN || errno == EINTR) ? 0 : -1;
+}
+
+// 0, or the status to close with after these bytes. -1: close without one.
+static int take_messages(const stream *s, frame_input *input)
+{
+    const unsigned char *payload;
+    size_t size;
+    for (;;)
+        switch (frame_input_next(input, &payload, &size)) {
+        case FRAME_NONE:
+            return 0;
+        case FRAME_TEXT:
+            if (!view_hub_receive(s->client, (const char *)payload, size))
+                return -1;
+            break;
+        case FRAME_PING:
+            if (!send_frame(s, MG_WEBSOCKET_OPCODE_PONG, payload, size))
+                return -1;
+            break;
+        case FRAME_PONG:
+            break;
+        case FRAME_CLOSE:
+            return CLOSE_NORMAL;
+        case FRAME_REFUSED:
+            return input->close_status;
+        }
+}
+
+// Until the page leaves, breaks the protocol, or is silent. Returns the status to close with; -1:
+// close without one.
+static int read_all(const stream *s, view_hub *hub, frame_input *input)
+{
+    double whole = clock_seconds(), heard = whole, pinged = whole; // times of the last of each
+    for (int status = 0;;) {
+        size_t room;
+        unsigned char *space = frame_input_space(input, &room);
+        const ssize_t count = receive(s->socket, space, room);
+        const double now = clock_seconds();
+        if (count < 0)
+            return -1;
+        if (count > 0) {
+            frame_input_add(input, (size_t)count);
+            status = take_messages(s, input);
+            heard = now;
+        }
+        if (status)
+            return status;
+        if (view_hub_is_stopping(hub))
+            return CLOSE_GOING_AWAY;
+        if (!frame_input_is_partial(input))
+            whole = now;
+        if (now - whole > MESSAGE_SECONDS)
+            return CLOSE_POLICY;
+        if (now - heard > SILENT_SECONDS)
+            return -1;
+        if (now - fmax(heard, pinged) > PING_SECONDS) {
+            pinged = now;
+            if (!send_frame(s, MG_WEBSOCKET_OPCODE_PING, NULL, 0))
+                return -1;
+        }
+    }
+}
+
+// Lets the page read what was sent: closing with unread bytes would discard it.
+static void drain(int fd)
+{
+    char bytes[4096];
+    const double end = clock_seconds() + DRAIN_SECONDS;
+    shutdown(fd, SHUT_WR);
+    while (clock_seconds() < end && receive(fd, bytes, sizeof bytes) >= 0)
+        ;
+}
+
+// CivetWeb calls this after the handshake, in the thread of the connection. Reads until the end, so
+// that CivetWeb, which has no limit for frames, reads nothing.
+static void serve_stream(struct mg_connection *connection, void *hub)
 {
     static const char full[] = "{\"type\":\"full\"}";
-    static const unsigned char try_later[2] = {1013 >> 8, 1013 & 255}; // RFC 6455 registry
-    stream *s = calloc(1, sizeof *s);
-    if (!s)
-        return;
-    *s = (stream){.connection = connection, .socket = socket_of(connection)};
-    mg_set_user_connection_data(connection, s);
-    s->client = s->socket >= 0 ? view_hub_join(hub, send_message, s) : NULL;
-    if (s->client || s->socket < 0)
-        return;
-    send_frame(s, MG_WEBSOCKET_OPCODE_TEXT, full, sizeof full - 1);
-    send_frame(s, MG_WEBSOCKET_OPCODE_CONNECTION_CLOSE, try_later, sizeof try_later);
-}
-
-static int stream_data(struct mg_connection *connection, int bits, char *data, size_t size,
-                       void *hub)
-{
-    enum { FINAL = 0x80, RESERVED = 0x70, OPCODE = 0x0f };
-    (void)hub;
-    const stream *s = mg_get_user_connection_data(connection);
-    const int opcode = bits & OPCODE;
-    if (!s || !s->client || bits & RESERVED)
-        return 0;
-    if (opcode == MG_WEBSOCKET_OPCODE_PONG || opcode == MG_WEBSOCKET_OPCODE_PING)
-        return 1;
-    // Pages send short texts, which browsers do not fragment.
-    if (opcode != MG_WEBSOCKET_OPCODE_TEXT || !(bits & FINAL) || size > MESSAGE_BYTES)
-        return 0;
-    return view_hub_receive(s->client, data, size);
-}
-
-static void stream_close(const struct mg_connection *connection, void *hub)
-{
-    (void)hub;
-    stream *s = mg_get_user_connection_data(connection);
-    mg_set_user_connection_data(connection, NULL);
-    if (s && s->client)
-        view_hub_leave(s->client);
-    free(s);
+    stream s = {.connection = connection, .socket = socket_of(connection)};
+    frame_input *input = calloc(1, sizeof *input);
+    mg_disable_connection_keep_alive(connection); // ends it when this function returns
+    if (input && s.socket >= 0) {
+        int status = CLOSE_TRY_LATER;
+        s.client = view_hub_join(hub, send_message, &s);
+        if (s.client) {
+            status = read_all(&s, hub, input);
+            view_hub_leave(s.client);
+        } else {
+            send_frame(&s, MG_WEBSOCKET_OPCODE_TEXT, full, sizeof full - 1);
+        }
+        if (status > 0) {
+            send_close(&s, status);
+            drain(s.socket);
+        }
+    }
+    free(input);
 }
 
 void view_stream_serve(struct mg_context *server, view_hub *hub)
 {
-    mg_set_websocket_handler(server, "/stream$", NULL, stream_ready, stream_data, stream_close,
-                             hub);
+    mg_set_websocket_handler(server, "/stream$", NULL, serve_stream, NULL, NULL, hub);
 }

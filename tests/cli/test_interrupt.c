@@ -94,6 +94,25 @@ static void a_stop_of_the_program_is_an_interrupt_and_no_first_signal(void **sta
     }
 }
 
+static void a_stop_of_the_program_is_known_as_one_until_a_signal(void **state)
+{
+    (void)state;
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (!child) {
+        interrupt_watch();
+        const bool before = interrupt_is_request();
+        interrupt_request();
+        interrupt_follow(SIGINT); // the same request, from the other ranks
+        const bool requested = interrupt_is_request();
+        raise(SIGINT);
+        _exit(!before && requested && !interrupt_is_request() ? 0 : 1);
+    }
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_int_equal(status, 0);
+}
+
 static void a_process_ends_with_the_signal_that_another_one_received(void **state)
 {
     (void)state;
@@ -120,6 +139,7 @@ int main(void)
         cmocka_unit_test(one_request_that_arrives_several_times_lets_the_work_end),
         cmocka_unit_test(a_second_request_of_the_user_ends_at_once),
         cmocka_unit_test(a_stop_of_the_program_is_an_interrupt_and_no_first_signal),
+        cmocka_unit_test(a_stop_of_the_program_is_known_as_one_until_a_signal),
         cmocka_unit_test(a_process_ends_with_the_signal_that_another_one_received),
         cmocka_unit_test(no_request_is_no_signal),
     };

@@ -92,7 +92,8 @@ void interrupt_request(void)
 
 bool interrupt_is_request(void)
 {
-    return stop_wanted && !received;
+    const int signal_number = received;
+    return stop_wanted && (!signal_number || signal_number == (SIGINT | PASSED_ON));
 }
 
 void interrupt_follow(int signal_number)

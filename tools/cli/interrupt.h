@@ -24,7 +24,8 @@ int interrupt_signal(void);
 // first signal: the next one requests the same stop and does not exit immediately.
 void interrupt_request(void);
 void interrupt_want_checkpoint(void);
-// True if the program has requested the stop, and no signal has.
+// True if the program has requested the stop, and no signal has. Several ranks follow the request
+// of one as a SIGINT.
 bool interrupt_is_request(void);
 
 // A stop because another process of this run has received this signal, as if it were forwarded: the

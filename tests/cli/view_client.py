@@ -528,8 +528,9 @@ def status(url, *headers):
 
 def main():
     url, command = sys.argv[1:3]
-    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm, "never_reads": never_reads, "stalled": stalled, "idle": idle, "frames": frames,
-     "move": move, "control": control, "action": run_action, "status": status}[command](url, *sys.argv[3:])
+    {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm,
+     "never_reads": never_reads, "stalled": stalled, "idle": idle, "frames": frames, "move": move,
+     "control": control, "action": run_action, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 
 

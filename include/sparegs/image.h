@@ -93,6 +93,9 @@ SGS_API float sgs_srgb_decode(float encoded);
 // photograph's space: 8-bit values scaled to [0, 1], or half floats. No bounds check.
 SGS_API float sgs_photo_value(const sgs_photo *photo, size_t at);
 
+// Frees a photograph of sgs_scene_photo_read and zeroes the struct; accepts an empty one.
+SGS_API void sgs_photo_free(sgs_photo *photo);
+
 // Writes planar 8-bit grey, RGB or RGBA (1, 3 or 4 channels) as PNG.
 SGS_API sgs_status sgs_png_write(const char *path, const sgs_image8 *image);
 // The same with a text chunk "Description"; NULL for none.

@@ -9,7 +9,7 @@
 // Threads: sgs_scene_load, sgs_scene_create and calls on different scenes may run at the same time.
 // On one scene, sgs_scene_photo and sgs_scene_prefetch take one call at a time: only one trainer at
 // a time may use a scene whose photographs exceed options.image_cache. A scene is otherwise
-// read-only.
+// read-only; sgs_scene_photo_read may be called by any thread at any time.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -73,7 +73,8 @@ typedef struct sgs_scene_options {
     sgs_space space; // of loss, trained colours and metrics
     // Memory for decoded photographs in bytes; 0 = unlimited, all are kept.
     size_t image_cache;
-    // Linear light that maps to 1; 0 = the 99th percentile if any file is linear, else 1.
+    // Linear light that maps to 1; 0 = the 99th percentile if any file is linear, else 1. It is
+    // measured in at most 16 photographs, and without load_images only with measure_white_point.
     double white_point;
     // Do not look for photographs whose camera size the model gives. Requires load_images false.
     bool cameras_only;
@@ -95,6 +96,8 @@ typedef struct sgs_scene_options {
     // and sgs_scene_create fail with SGS_STATUS_CANCELLED.
     sgs_progress_fn progress;
     void *progress_user;
+    // With load_images false: measure the white point nevertheless, as described there.
+    bool measure_white_point;
 } sgs_scene_options;
 
 // All zero, except struct_size and load_images (true).
@@ -129,6 +132,8 @@ typedef struct sgs_scene {
     // Identifies the names and poses of all views and the sparse points; independent of the size of
     // the photographs.
     uint64_t digest;
+    char *colorspace; // options.colorspace, or NULL
+    sgs_alpha alpha;  // options.alpha
 } sgs_scene;
 
 // Loads a scene; release it with sgs_scene_destroy. options NULL = the defaults. Missing or broken
@@ -194,6 +199,15 @@ SGS_API void sgs_scene_destroy(sgs_scene *scene);
 // the next call for this scene; one thread at a time. Fails like sgs_scene_load if the file was
 // removed or changed.
 SGS_API sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo);
+
+// Decodes the photograph of view `index` for the caller, area-averaged to width x height pixels, at
+// most the size of its file: the values of sgs_scene_photo at the size of the view's camera, also
+// for scenes without load_images. Without masks: valid_mask is NULL, all pixels are kept. Neither
+// uses nor changes the image cache, so any thread may call it while a trainer uses the scene.
+// Release with sgs_photo_free. Fails like sgs_scene_photo, and with INVALID_ARGUMENT for an index
+// or size that is out of range and for SGS_SCENE_MEMORY; *photo is then empty.
+SGS_API sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, int width, int height,
+                                        sgs_photo *photo);
 
 // Hint that sgs_scene_photo will soon be called for this view: a thread decodes the photograph in
 // advance, unless it is in memory. Cannot fail.

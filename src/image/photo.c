@@ -34,6 +34,11 @@ void sgsi_photo_free(sgs_photo *photo)
     *photo = (sgs_photo){0};
 }
 
+void sgs_photo_free(sgs_photo *photo)
+{
+    sgsi_photo_free(photo);
+}
+
 // 8-bit samples are kept if their encoding is that of the scene's space.
 bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space)
 {

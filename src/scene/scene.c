@@ -67,8 +67,7 @@ typedef struct loader {
     bool mask_folder; // a mask folder exists
     lens_mask *lenses;
     size_t lens_count;
-    bool limited;     // the photographs exceed the image cache
-    char *colorspace; // copy of the option
+    bool limited; // the photographs exceed the image cache
     // If limited: of the views that are kept, and their decoded sizes.
     sgsi_photo_source *sources;
     size_t *bytes;
@@ -96,6 +95,7 @@ void sgs_scene_destroy(sgs_scene *scene)
     sgsi_free(scene->colors);
     sgsi_free(scene->path);
     sgsi_free(scene->model_path);
+    sgsi_free(scene->colorspace);
     sgsi_free(scene);
 }
 
@@ -225,7 +225,7 @@ static sgsi_photo_source source_of(const loader *l, size_t i)
                                .height = s->height,
                                .invert_mask = l->options->invert_masks,
                                .alpha = l->options->alpha,
-                               .colorspace = l->limited ? l->colorspace : l->options->colorspace,
+                               .colorspace = l->scene->colorspace,
                                .space = l->options->space,
                                .white_point = l->scene->white_point,
                                .lens = l->lenses[s->lens].valid_mask};
@@ -292,7 +292,8 @@ static sgs_status measure_white_point(loader *l)
     for (size_t i = 0; i < l->scene->view_count; ++i)
         linear += l->slots[i].linear;
     l->scene->linear_images = linear;
-    if (l->options->white_point > 0 || !linear || !l->options->load_images)
+    if (l->options->white_point > 0 || !linear ||
+        !(l->options->load_images || l->options->measure_white_point))
         return SGS_STATUS_OK;
     const size_t step = (linear + WHITE_VIEWS - 1) / WHITE_VIEWS;
     for (size_t i = 0; i < l->scene->view_count; ++i)
@@ -340,8 +341,7 @@ static sgs_status load_views(loader *l)
     if (l->limited) {
         l->sources = sgsi_calloc(scene->view_count, sizeof *l->sources);
         l->bytes = sgsi_calloc(scene->view_count, sizeof *l->bytes);
-        l->colorspace = l->options->colorspace ? sgsi_strdup(l->options->colorspace) : NULL;
-        if (!l->sources || !l->bytes || (l->options->colorspace && !l->colorspace))
+        if (!l->sources || !l->bytes)
             return sgsi_scene_no_memory(scene->path);
     }
     if (!status)
@@ -362,10 +362,8 @@ static sgs_status open_store(loader *l)
         planes[i] = l->lenses[i].valid_mask;
         l->lenses[i].valid_mask = NULL;
     }
-    char *colorspace = l->colorspace;
-    l->colorspace = NULL;
     return sgsi_scene_store_create(l->sources, l->bytes, l->scene->view_count,
-                                   l->options->image_cache, planes, l->lens_count, colorspace,
+                                   l->options->image_cache, planes, l->lens_count,
                                    &l->scene->store);
 }
 
@@ -722,7 +720,9 @@ static sgs_status load(loader *l)
     if (status)
         return status;
     scene->model_path = sgsi_strdup(l->files.model_path);
-    if (!scene->model_path)
+    if (l->options->colorspace)
+        scene->colorspace = sgsi_strdup(l->options->colorspace);
+    if (!scene->model_path || (l->options->colorspace && !scene->colorspace))
         return sgsi_scene_no_memory(scene->path);
     status = l->files.colmap ? sgsi_colmap_read(scene->model_path, &l->dataset)
                              : sgsi_transforms_read(scene->model_path, &l->dataset);
@@ -730,6 +730,7 @@ static sgs_status load(loader *l)
         return status;
     scene->format = l->dataset.format;
     scene->space = l->options->space;
+    scene->alpha = l->options->alpha;
     scene->white_point = 1;
     scene->point_count = l->dataset.point_count;
     scene->points = l->dataset.points;
@@ -784,7 +785,6 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     sgsi_progress_end(&l.progress);
     sgsi_free(l.sources);
     sgsi_free(l.bytes);
-    sgsi_free(l.colorspace);
     for (size_t i = 0; i < l.lens_count; ++i)
         sgsi_free(l.lenses[i].valid_mask);
     sgsi_free(l.lenses);

@@ -9,7 +9,6 @@ struct sgs_scene_store {
     sgsi_photo_cache *cache;
     uint16_t **planes; // valid masks of the lenses
     size_t plane_count;
-    char *colorspace;
 };
 
 void sgsi_scene_store_destroy(sgs_scene_store *store)
@@ -20,22 +19,19 @@ void sgsi_scene_store_destroy(sgs_scene_store *store)
     for (size_t i = 0; i < store->plane_count; ++i)
         sgsi_free(store->planes[i]);
     sgsi_free(store->planes);
-    sgsi_free(store->colorspace);
     sgsi_free(store);
 }
 
 sgs_status sgsi_scene_store_create(const sgsi_photo_source *sources, const size_t *bytes,
                                    size_t count, size_t limit, uint16_t **planes,
-                                   size_t plane_count, char *colorspace, sgs_scene_store **store)
+                                   size_t plane_count, sgs_scene_store **store)
 {
-    sgs_scene_store *made = sgsi_calloc(1, sizeof *made),
-                    left = {NULL, planes, plane_count, colorspace};
+    sgs_scene_store *made = sgsi_calloc(1, sizeof *made), left = {NULL, planes, plane_count};
     *store = NULL;
     if (!made) {
         for (size_t i = 0; i < plane_count; ++i)
             sgsi_free(planes[i]);
         sgsi_free(planes);
-        sgsi_free(colorspace);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the image cache");
     }
     *made = left;
@@ -57,6 +53,31 @@ sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo
     if (scene->store)
         return sgsi_photo_cache_get(scene->store->cache, index, photo);
     *photo = &scene->views[index].image;
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, int width, int height,
+                                sgs_photo *photo)
+{
+    *photo = (sgs_photo){0};
+    if (index >= scene->view_count || scene->format == SGS_SCENE_MEMORY || width < 1 || height < 1)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: no file of a photograph %zu to read at %d x %d pixels", scene->path,
+                         index, width, height);
+    const sgsi_photo_source source = {.image_path = scene->views[index].image_path,
+                                      .width = width,
+                                      .height = height,
+                                      .alpha = scene->alpha,
+                                      .colorspace = scene->colorspace,
+                                      .space = scene->space,
+                                      .white_point = scene->white_point};
+    sgsi_photo_report report;
+    const sgs_status status = sgsi_photo_load(&source, photo, &report);
+    if (status)
+        return status;
+    sgsi_free(photo->valid_mask);
+    photo->valid_mask = NULL;
+    photo->kept = (size_t)width * (size_t)height;
     return SGS_STATUS_OK;
 }
 

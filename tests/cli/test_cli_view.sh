@@ -63,9 +63,13 @@ curl -sD "$temporary/head2" "$url" -o /dev/null
 check the_nonce_changes bash -c "! grep -q '$nonce' '$temporary/head2'"
 
 base=${url%/}
-code 200 "$base/photo/0"
-check a_photograph_is_a_jpeg bash -c "head -c 3 '$temporary/body' | od -An -tx1 | grep -q 'ff d8 ff'"
-code 200 "$base/thumb/1"
+code 200 "$base/photo/0" -D "$temporary/head"
+check a_photograph_is_a_png bash -c "grep -qi '^content-type: image/png' '$temporary/head' &&
+    head -c 4 '$temporary/body' | od -An -tx1 | grep -q '89 50 4e 47'"
+mv "$temporary/body" "$temporary/photo.png"
+code 200 "$base/thumb/1" -D "$temporary/head"
+check a_thumbnail_is_a_jpeg bash -c "grep -qi '^content-type: image/jpeg' '$temporary/head' &&
+    head -c 3 '$temporary/body' | od -An -tx1 | grep -q 'ff d8 ff'"
 code 404 "$base/photo/100000"
 code 404 "$base/photo/0.png"
 code 404 "$base/nothing"
@@ -107,6 +111,8 @@ PY
 check the_first_view_has_a_name test -n "$first" -a -n "$name"
 equal() { check "the_picture_equals_render: $1" oiiotool "$1" "$2" --fail 0 --warn 0 --diff; }
 served=$last_command
+run 0 eval "$temporary/run" "$room" --split all --save "$temporary/scored" --quiet
+equal "$temporary/photo.png" "$temporary/scored/${first%.*}_photo.png"
 run 0 render "$temporary/run" "$room" --view "$first" --format png --aov rgba -o "$temporary/drawn" --quiet
 equal "$temporary/pictures/view.png" "$(find "$temporary/drawn" -name '*.png')"
 run 0 render "$temporary/run" --camera "$temporary/pictures/free.json" --format png --aov rgba -o "$temporary/drawn_free" --quiet
@@ -153,6 +159,33 @@ check serves_after_all_that test "$(curl -s -o /dev/null -w '%{http_code}' "$url
 stop TERM
 check nothing_but_the_url_on_stdout test "$(wc -l <"$temporary/url")" -eq 1
 check files_of_the_run_are_unchanged cmp "$temporary/model.ply" "$temporary/run/point_cloud/iteration_120/point_cloud.ply"
+
+# ---- Photographs in linear light ----
+# A scene of three photographs as EXR files eight times as bright, written by oiiotool.
+hdr=$temporary/hdr
+mkdir -p "$hdr/images" "$temporary/ldr"
+cp -r "$room/sparse" "$hdr/"
+for name in 0001 0002 0003; do
+    oiiotool "$room/images/$name.jpg" -o "$temporary/ldr/$name.png"
+    oiiotool "$temporary/ldr/$name.png" --colorconvert sRGB linear --mulc 8 -d half -o "$hdr/images/$name.exr"
+done
+# shown OUT ARGUMENT...: the first photograph.
+shown() {
+    start "${@:2}" --port 0
+    curl -s "${url%/}/photo/0" -o "$1"
+    check no_option_is_idle bash -c "! grep 'no effect' '$temporary/stderr'"
+    stop INT
+}
+# near NAME A B: within one level of 255 (powf and half floats).
+near() { check "$1" oiiotool "$2" "$3" --fail 0.0045 --diff; }
+shown "$temporary/bright.png" "$temporary/model.ply" "$hdr" --white 8
+near white_is_applied "$temporary/bright.png" "$temporary/ldr/0001.png"
+shown "$temporary/measured.png" "$temporary/model.ply" "$hdr" --train-space linear
+run 0 eval "$temporary/model.ply" "$hdr" --train-space linear --split all --save "$temporary/measured" --quiet
+equal "$temporary/measured.png" "$temporary/measured/0001_photo.png"
+shown "$temporary/declared.png" "$temporary/model.ply" "$room" --input-colorspace linear --white 1
+oiiotool "$room/images/0001.jpg" --iscolorspace linear --colorconvert linear sRGB -d uint8 -o "$temporary/encoded.png"
+near input_colorspace_is_applied "$temporary/declared.png" "$temporary/encoded.png"
 
 # ---- A token ----
 start "$temporary/model.ply" --port 0 --token a-token-of-this-test

@@ -428,6 +428,48 @@ static void nonfinite_pixels_are_ignored_and_counted(void **state)
     }
 }
 
+// sgs_scene_photo_read against the scene's own photographs.
+static void photographs_are_read_without_the_cache(void **state)
+{
+    (void)state;
+    const temp_folder folder = make_scene(NAN);
+    for (int k = 0; k < 4; ++k) {
+        sgs_scene_options options = sgs_scene_options_default();
+        options.space = k % 2 ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+        options.colorspace = k < 2 ? NULL : "sRGB";
+        sgs_scene *loaded, *bare;
+        assert_int_equal(sgs_scene_load(folder.path, &options, &loaded), SGS_STATUS_OK);
+        options.load_images = false;
+        options.measure_white_point = true;
+        assert_int_equal(sgs_scene_load(folder.path, &options, &bare), SGS_STATUS_OK);
+        assert_true(bare->white_point == loaded->white_point && (k > 1 || bare->white_point > 4));
+        for (size_t i = 0; i < loaded->view_count; ++i) {
+            const sgs_photo *kept;
+            sgs_photo photo;
+            assert_int_equal(sgs_scene_photo(loaded, i, &kept), SGS_STATUS_OK);
+            assert_int_equal(sgs_scene_photo_read(bare, i, WIDTH, HEIGHT, &photo), SGS_STATUS_OK);
+            assert_int_equal(photo.channels, kept->channels);
+            assert_int_equal(photo.kept, WIDTH * HEIGHT);
+            assert_null(photo.valid_mask);
+            assert_memory_equal(photo.halves, kept->halves,
+                                3 * WIDTH * HEIGHT * sizeof *photo.halves);
+            sgs_photo_free(&photo);
+            assert_int_equal(sgs_scene_photo_read(bare, i, 2, 1, &photo), SGS_STATUS_OK);
+            assert_int_equal(photo.width * photo.height, 2);
+            sgs_photo_free(&photo);
+        }
+        sgs_photo photo;
+        assert_int_equal(sgs_scene_photo_read(bare, 9, WIDTH, HEIGHT, &photo),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_int_equal(sgs_scene_photo_read(bare, 0, WIDTH + 1, HEIGHT, &photo),
+                         SGS_STATUS_FORMAT);
+        assert_null(photo.halves);
+        sgs_scene_destroy(loaded);
+        sgs_scene_destroy(bare);
+    }
+    tree_remove(&folder);
+}
+
 static void broken_files_are_reported_in_one_line(void **state)
 {
     (void)state;
@@ -659,6 +701,7 @@ int main(void)
         cmocka_unit_test(sixteen_bits_keep_their_precision),
         cmocka_unit_test(colour_spaces_are_selected_by_name),
         cmocka_unit_test_setup(nonfinite_pixels_are_ignored_and_counted, warnings_begin),
+        cmocka_unit_test_setup(photographs_are_read_without_the_cache, warnings_begin),
         cmocka_unit_test_setup(broken_files_are_reported_in_one_line, warnings_begin),
         cmocka_unit_test(exr_layers_are_found_by_name),
         cmocka_unit_test(exr_primaries_become_rec709),

@@ -273,6 +273,7 @@ static sgs_scene *open_scene(const char *path, const scene_values *values, bool 
     options.colorspace = values->colorspace;
     options.space = (sgs_space)values->space;
     options.white_point = values->white_point;
+    options.measure_white_point = values->measure_white;
     options.image_cache = (size_t)values->cache_bytes;
     options.progress = show_loading;
     options.view_width = width;

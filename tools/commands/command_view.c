@@ -132,6 +132,7 @@ static int run_view(const command_line *line, const view_values *values, scene_v
     if (status < 0)
         status = model_scene_resolve(data, line, &located);
     if (status < 0 && line->operand_count > 1) {
+        data->measure_white = !values->export; // of the photographs that are shown
         scene = scene_open(line->operands[1], data, false);
         status = scene ? -1 : EXIT_FAILED;
     }
@@ -194,8 +195,11 @@ int command_view(int argc, char **argv)
     if (status >= 0)
         return status;
     if (call.line.operand_count < 2)
-        warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without SCENE");
-    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|json", "on view");
+        warn_idle(&call.line, "images|downscale|eval|test-every|test-images|alpha|input-colorspace",
+                  "without SCENE");
+    else if (values.export)
+        warn_idle(&call.line, "alpha|input-colorspace", "with --export");
+    warn_idle(&call.line, "masks|invert-masks|image-cache|json", "on view");
     interrupt_watch();
     return run_view(&call.line, &values, &data, &drawing);
 }

@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "run/display_planes.h"
 #include "run/exposure_file.h"
 #include "cli/interrupt.h"
 #include "cli/output.h"
@@ -76,20 +77,12 @@ bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips)
     return true;
 }
 
-// The photograph composited over the background: three planes in one block. NULL after printing the
-// error.
+// photo_flatten, or NULL after printing the error.
 static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)
 {
-    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
-    float *planes = malloc(3 * pixels * sizeof *planes);
+    float *planes = photo_flatten(photo, evaluation->background);
     if (!planes)
         fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
-    for (size_t i = 0; planes && i < pixels; ++i) {
-        const float alpha = photo->channels > 3 ? sgs_photo_value(photo, 3 * pixels + i) : 1.0F;
-        for (size_t c = 0; c < 3; ++c)
-            planes[c * pixels + i] = alpha * sgs_photo_value(photo, c * pixels + i) +
-                                     (1.0F - alpha) * evaluation->background[c];
-    }
     return planes;
 }
 
@@ -111,15 +104,11 @@ static void add_background(const evaluator *evaluation, sgs_frame *frame)
             frame->color[c][i] += frame->transmittance[i] * evaluation->background[c];
 }
 
-// Display-encodes linear colours and quantises to 8 bits.
+// planes_quantise, or false after printing the error.
 static bool quantise(const evaluator *evaluation, float *const color[3], int width, int height,
                      sgs_image8 *out)
 {
-    const size_t pixels = (size_t)width * (size_t)height;
-    for (size_t c = 0; c < 3 && evaluation->scene->space == SGS_SPACE_LINEAR; ++c)
-        for (size_t i = 0; i < pixels; ++i)
-            color[c][i] = sgs_srgb_encode(color[c][i]);
-    if (!sgs_image8_from_planes((const float *const *)color, NULL, NULL, width, height, out))
+    if (!planes_quantise(color, evaluation->scene->space, width, height, out))
         return true;
     fail_library();
     return false;

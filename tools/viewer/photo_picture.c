@@ -3,42 +3,55 @@
 
 #include "viewer/photo_picture.h"
 
-enum { QUALITY = 88 };
+#include <stdlib.h>
 
-// Replaces straight alpha by the background.
-static void composite(sgs_image8 *image, const float background[3])
+#include "run/display_planes.h"
+
+enum { QUALITY = 88, SIDE_THUMBNAIL = 160, SIDE_WHOLE = 4096 };
+
+static int scaled(int length, int side, int longer)
 {
-    const size_t pixels = (size_t)image->width * (size_t)image->height;
-    for (size_t c = 0; c < 3 && image->channels == 4; ++c)
-        for (size_t i = 0; i < pixels; ++i) {
-            const float alpha = (float)image->pixels[3 * pixels + i] / 255;
-            uint8_t *value = &image->pixels[c * pixels + i];
-            *value = (uint8_t)(alpha * (float)*value + 255 * (1 - alpha) * background[c] + 0.5F);
-        }
-    image->channels = 3;
+    const int reduced = (int)((long long)length * side / longer);
+    return reduced > 0 ? reduced : 1;
 }
 
-bool photo_picture(const sgs_view *view, const float background[3], int side, encoded_picture *out)
+// The photograph as it is displayed, at most `side` pixels wide and high.
+static bool read_displayed(const sgs_scene *scene, size_t index, const float background[3],
+                           int side, sgs_image8 *out)
 {
-    sgs_image8 image, small = {0};
-    *out = (encoded_picture){0};
-    if (sgs_image8_read(view->image_path, &image))
-        return false;
-    int width = view->camera.width < image.width ? view->camera.width : image.width,
-        height = view->camera.height < image.height ? view->camera.height : image.height;
+    sgs_photo photo;
+    int width = scene->views[index].camera.width, height = scene->views[index].camera.height;
     const int longer = width > height ? width : height;
     if (longer > side) {
-        width = width * side / longer > 0 ? width * side / longer : 1;
-        height = height * side / longer > 0 ? height * side / longer : 1;
+        width = scaled(width, side, longer);
+        height = scaled(height, side, longer);
     }
-    const bool same = width == image.width && height == image.height;
-    bool done = same || !sgs_image8_downscale(&image, width, height, &small);
-    if (done) {
-        sgs_image8 shown = same ? image : small;
-        composite(&shown, background);
-        done = encode_jpeg(&shown, QUALITY, out);
-    }
-    sgs_image8_free(&image);
-    sgs_image8_free(&small);
+    if (sgs_scene_photo_read(scene, index, width, height, &photo))
+        return false;
+    float *planes = photo_flatten(&photo, background);
+    sgs_photo_free(&photo);
+    const size_t pixels = (size_t)width * (size_t)height;
+    float *const color[3] = {planes, planes ? planes + pixels : NULL,
+                             planes ? planes + 2 * pixels : NULL};
+    const bool done = planes && !planes_quantise(color, scene->space, width, height, out);
+    free(planes);
     return done;
+}
+
+bool photo_picture(const sgs_scene *scene, size_t index, const float background[3], photo_use use,
+                   encoded_picture *out)
+{
+    const bool is_whole = use == PHOTO_WHOLE;
+    sgs_image8 image;
+    *out = (encoded_picture){0};
+    if (!read_displayed(scene, index, background, is_whole ? SIDE_WHOLE : SIDE_THUMBNAIL, &image))
+        return false;
+    const bool done = is_whole ? encode_png(&image, out) : encode_jpeg(&image, QUALITY, out);
+    sgs_image8_free(&image);
+    return done;
+}
+
+const char *photo_media_type(photo_use use)
+{
+    return use == PHOTO_WHOLE ? "image/png" : "image/jpeg";
 }

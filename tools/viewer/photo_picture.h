@@ -2,12 +2,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Photographs as JPEG files for the page.
+// Photographs as image files for the page.
 
 #include "sparegs/scene.h"
 #include "viewer/frame_encoder.h"
 
-// The photograph of a view at the size of its camera, reduced to at most `side` pixels wide and
-// high. Transparent pixels are composited over `background` (display values). Reads the image file:
-// another thread may use the scene. False if it cannot be read.
-bool photo_picture(const sgs_view *view, const float background[3], int side, encoded_picture *out);
+// A thumbnail is a JPEG file; a whole photograph a PNG file, because differences from renders are
+// shown many times enlarged.
+typedef enum photo_use { PHOTO_THUMBNAIL, PHOTO_WHOLE } photo_use;
+
+// The photograph of a view as `eval` compares it with renders: in the space of the scene,
+// composited over `background` (in that space), display-encoded. At the size of the view's camera,
+// reduced to at most 160 pixels wide and high (thumbnail) or 4096. Reads the image file: another
+// thread may use the scene. False if it cannot be read.
+bool photo_picture(const sgs_scene *scene, size_t index, const float background[3], photo_use use,
+                   encoded_picture *out);
+// The media type of its file.
+const char *photo_media_type(photo_use use);

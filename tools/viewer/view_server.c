@@ -165,32 +165,31 @@ static long index_of(const char *path, const char *prefix)
 typedef struct photo_job {
     const view_source *source;
     size_t index;
-    int side;
+    photo_use use;
     encoded_picture picture;
 } photo_job;
 
 static bool make_photo(void *context)
 {
     photo_job *job = context;
-    return photo_picture(&job->source->scene->views[job->index], job->source->drawing.background,
-                         job->side, &job->picture);
+    return photo_picture(job->source->scene, job->index, job->source->drawing.background, job->use,
+                         &job->picture);
 }
 
 // Decodes in another thread: CivetWeb's have small stacks.
 static int send_photo(const view_server *server, struct mg_connection *connection, long index,
-                      int side)
+                      photo_use use)
 {
     const sgs_scene *scene = server->options.source->scene;
     if (!scene || index < 0 || (size_t)index >= scene->view_count)
         return send_status(connection, 404, "no such photograph");
-    photo_job job = {.source = server->options.source, .index = (size_t)index, .side = side};
+    photo_job job = {.source = server->options.source, .index = (size_t)index, .use = use};
     async_task task = {0};
     async_task_start(&task, true, make_photo, &job);
     if (!async_task_wait(&task))
         return send_status(connection, 404, "the photograph cannot be read");
-    mg_printf(connection,
-              "HTTP/1.1 200 OK\r\n%sContent-Type: image/jpeg\r\nContent-Length: %zu\r\n\r\n",
-              common_headers, job.picture.size);
+    mg_printf(connection, "HTTP/1.1 200 OK\r\n%sContent-Type: %s\r\nContent-Length: %zu\r\n\r\n",
+              common_headers, photo_media_type(use), job.picture.size);
     mg_write(connection, job.picture.bytes, job.picture.size);
     encoded_picture_free(&job.picture);
     return 200;
@@ -199,7 +198,6 @@ static int send_photo(const view_server *server, struct mg_connection *connectio
 static int route(const view_server *server, struct mg_connection *connection,
                  const struct mg_request_info *info, const access_request *request)
 {
-    enum { THUMBNAIL = 160, PHOTOGRAPH = 4096 };
     const char *path = info->local_uri ? info->local_uri : "";
     if (!strcmp(path, "/stream"))
         return request->host && mg_get_header(connection, "Upgrade")
@@ -214,7 +212,7 @@ static int route(const view_server *server, struct mg_connection *connection,
     const long photo = index_of(path, "/photo/"), thumb = index_of(path, "/thumb/");
     if (photo >= 0 || thumb >= 0)
         return send_photo(server, connection, photo >= 0 ? photo : thumb,
-                          photo >= 0 ? PHOTOGRAPH : THUMBNAIL);
+                          photo >= 0 ? PHOTO_WHOLE : PHOTO_THUMBNAIL);
     return send_status(connection, 404, "not found");
 }
 

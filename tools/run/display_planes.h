@@ -1,0 +1,17 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Photographs and renders as they are displayed, and compared by `eval`: composited over the
+// background, display-encoded, 8 bits.
+
+#include "sparegs/scene.h"
+
+// The photograph composited over `background` (both in the photograph's space): three planes
+// [height][width] in one block, to be released with free(). NULL if out of memory.
+float *photo_flatten(const sgs_photo *photo, const float background[3]);
+
+// Display-encodes colours of `space` in place, clamps and quantises them. color: planes
+// [height][width]. Release with sgs_image8_free. Fails like sgs_image8_from_planes.
+sgs_status planes_quantise(float *const color[3], sgs_space space, int width, int height,
+                           sgs_image8 *out);

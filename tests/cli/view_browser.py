@@ -7,6 +7,7 @@
 import base64
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,9 +19,13 @@ from view_client import expect
 program, run_folder, scene, folder = sys.argv[1:5]
 
 
-def serve(*arguments):
-    process = subprocess.Popen([program, "view", *arguments, "--port", "0", "--quiet"], stdout=subprocess.PIPE, text=True)
+def serve(*arguments, port=0):
+    process = subprocess.Popen([program, "view", *arguments, "--port", str(port), "--quiet"], stdout=subprocess.PIPE, text=True)
     return process, process.stdout.readline().strip()
+
+
+def model_file():
+    return next(os.path.join(at, n) for at, _, names in os.walk(run_folder) for n in names if n == "point_cloud.ply")
 
 
 def render(name, *arguments):
@@ -411,6 +416,55 @@ def survives(page, process, url):
     expect("the_page_reports_the_end", page.wait("!byId('notice').hidden") is not None)
 
 
+def reconnects(page):
+    """Servers that follow one another on one port, while the page stays open."""
+    process, url = serve(run_folder, scene)
+    port, few = url.strip("/").rsplit(":", 1)[1], os.path.join(folder, "few")
+    os.makedirs(os.path.join(few, "images"), exist_ok=True)
+    shutil.copytree(os.path.join(scene, "sparse"), os.path.join(few, "sparse"), dirs_exist_ok=True)
+    for name in sorted(os.listdir(os.path.join(scene, "images")))[:2]:
+        shutil.copy(os.path.join(scene, "images", name), os.path.join(few, "images"))
+
+    def restart(*arguments):
+        page.run("viewer.shown.length = 0")
+        process.terminate()
+        process.wait(30)
+        expect("the_attempts_are_shown", page.wait("!byId('notice').hidden && byId('notice').textContent.includes('Attempt')")
+               is not None, page.run("byId('notice').textContent"))
+        started = serve(*arguments, port=port)[0]
+        expect("a_picture_appears_again", page.wait("viewer.shown.length > 0", 60) is not None, page.run("viewer.errors"))
+        page.rest()
+        expect("the_notice_disappears", page.run("byId('notice').hidden"))
+        return started
+
+    try:
+        page.start(url)
+        page.run("document.querySelectorAll('#photos button')[5].click()")
+        page.wait("photoReady")
+        page.set("boxOn", True)
+        page.set("box_x", -1)
+        page.rest()
+        before = page.camera()
+        process = restart(run_folder, scene)
+        expect("the_same_model_keeps_the_camera", page.camera() == before and page.run("request.message.view") == 5)
+        expect("it_keeps_the_photograph", page.run("document.querySelectorAll('#photos button[aria-pressed=true]').length") == 1)
+        expect("it_keeps_the_crop", page.run("cropValues().box[0]") == -1)
+        page.run("retries = 30")
+        expect("attempts_follow_at_most_every_10_s", page.run("retryDelay(30)") == 10000 and page.run("retryDelay(0)") <= 2000)
+        process = restart(model_file(), few)
+        expect("fewer_views_are_shown", page.run("document.querySelectorAll('#photos button').length") == 2)
+        expect("the_camera_is_the_first_one", page.run("camera.view === 0 && camera.lens === 0 && request.message.view === 0"))
+        expect("its_photograph_is_pressed", page.run("document.querySelectorAll('#photos button')[0].ariaPressed") == "true")
+        expect("the_crop_is_reset", page.run("cropValues().preview === 'off' && !cropValues().box && Number(byId('box_x').value) !== -1"))
+        process = restart(model_file())
+        expect("no_view_is_left", page.run("camera.view === -1 && camera.lens === -1 && byId('photosBox').hidden"))
+        expect("no_error_after_all", not page.run("viewer.errors.length"), page.run("viewer.errors"))
+        # The browser itself reports failed connections.
+        expect("no_exception_after_all", not [m for m in page.messages if "WebSocket" not in m and "ERR_" not in m], page.messages)
+    finally:
+        process.kill()
+
+
 def main():
     process, url = serve(run_folder, scene)
     page = Page(find_browser())
@@ -422,11 +476,11 @@ def main():
         expect("still_no_error_on_the_console", not page.messages and not page.run("viewer.errors.length"),
                (page.messages, page.run("viewer.errors")))
         survives(page, process, url)
+        reconnects(page)
     finally:
         page.close()
         process.kill()
-    phone, free = Page(find_browser(), 390, 800), serve(next(
-        os.path.join(at, n) for at, _, names in os.walk(run_folder) for n in names if n == "point_cloud.ply"))
+    phone, free = Page(find_browser(), 390, 800), serve(model_file())
     try:
         phone.start(free[1])
         expect("a_model_without_scene_is_shown", len(set(phone.pixels()[2])) > 20)

@@ -9,6 +9,7 @@ const byId = (id) => document.getElementById(id);
 // The state that several files use; tests read it as window.viewer.
 const viewer = window.viewer = {
   hello: null,       // facts of the model
+  models: 0,         // number of models described so far
   frame: null,       // header of the picture on the canvas
   serial: 0,         // of the last request
   sent: new Map(),   // serial -> time of sending
@@ -44,6 +45,12 @@ function notice(text) {
 if (location.search) history.replaceState(null, '', location.pathname);
 
 let socket = null, retries = 0;
+
+// Pause in ms before the next attempt to connect.
+function retryDelay(count) {
+  return Math.min(10000, 1000 * 2 ** count);
+}
+
 function send(message) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
@@ -63,11 +70,14 @@ function connect() {
     (listeners[message.type] || []).forEach((call) => call(message));
   };
   socket.onopen = () => { retries = 0; notice(''); };
-  socket.onclose = () => {
-    if (full) return;
-    notice('The connection to sparegs ended.');
-    if (retries++ < 20) setTimeout(connect, 1500);
-  };
+  socket.onclose = () => { if (!full) connectLater(); };
+}
+
+// Tries again until the program answers.
+function connectLater() {
+  const delay = retryDelay(retries++);
+  notice(`No connection to sparegs. Attempt ${retries} to connect again in ${delay / 1000} s.`);
+  setTimeout(connect, delay);
 }
 
 onMessage('error', (message) => {

@@ -110,6 +110,11 @@ const drawMore = []; // further drawings over the picture
 
 // ---- Photographs ----
 
+// The number of the model keeps the browser from showing those of the model before.
+function photographAddress(kind, index) {
+  return `/${kind}/${index}?model=${viewer.models}`;
+}
+
 let photoReady = false;
 function photographLeft() {
   byId('split').hidden = photo.hidden = true;
@@ -152,7 +157,7 @@ function choosePhotograph(index) {
   if (!view.photo) return;
   photo.onload = () => { photoReady = true; compareAgain(); };
   photo.alt = 'Photograph ' + view.name;
-  photo.src = '/photo/' + index;
+  photo.src = photographAddress('photo', index);
 }
 
 // ---- Values under the cursor ----

@@ -76,13 +76,13 @@ function listPhotographs(views) {
   views.forEach((view, index) => {
     const button = element('button', null, element('li', null, list));
     button.type = 'button';
-    button.setAttribute('aria-pressed', 'false');
+    button.setAttribute('aria-pressed', String(index === camera.view));
     button.title = `${view.name}, ${view.width} × ${view.height}, ${view.lens}${view.test ? ', held out' : ''}`;
     if (view.photo) {
       const image = element('img', null, button);
       image.loading = 'lazy';
       image.alt = '';
-      image.src = '/thumb/' + index;
+      image.src = photographAddress('thumb', index);
     }
     element('span', (view.test ? '◇ ' : '') + view.name, button);
     button.onclick = () => choosePhotograph(index);

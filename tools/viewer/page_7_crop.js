@@ -62,6 +62,16 @@ function cropShown() {
   requestPicture(false);
 }
 
+function resetCrop() {
+  byId('cropPreview').value = 'off';
+  for (const id of ['boxOn', 'sphereOn', 'cropFloaters']) byId(id).checked = false;
+  for (const id of ['cropSize', 'cropSlack', 'cropRegion']) byId(id).value = '';
+  byId('cropOpacity').value = 0;
+  for (const name of boxNames) byId('box_' + name).value = '';
+  for (const name of sphereNames) byId('sphere_' + name).value = '';
+  byId('cropText').textContent = '';
+}
+
 function startCrop(hello) {
   byId('cropBox').hidden = hello.training;
   byId('cropRegions').hidden = !hello.aovs.some((aov) => aov.name === 'slack');

@@ -10,9 +10,30 @@ function fillSelect(select, entries) {
   if (entries.some(([value]) => value === before)) select.value = before;
 }
 
+// Whether the program describes the same model and views as before.
+function isSame(before, hello) {
+  return before.model === hello.model && JSON.stringify(before.views) === JSON.stringify(hello.views);
+}
+
+// Resets what belongs to the model and the views before.
+function reset() {
+  Object.assign(camera, {view: -1, lens: -1, fov: 50});
+  byId('fov').value = camera.fov;
+  byId('lens').value = '-1';
+  photographLeft();
+  photo.removeAttribute('src');
+  resetCrop();
+  for (const name of ['frame', 'probe', 'ray', 'region', 'history', 'progress']) viewer[name] = null;
+  for (const id of ['value', 'pixelText', 'regionText']) byId(id).textContent = '';
+  for (const id of ['pixelPlot', 'regionPlot', 'plots']) byId(id).replaceChildren();
+  for (const id of ['pixelTable', 'regionTable']) byId(id).tBodies[0].replaceChildren();
+}
+
 onMessage('hello', (hello) => {
-  const again = Boolean(viewer.hello);
+  const before = viewer.hello, stays = before && isSame(before, hello);
   viewer.hello = hello;
+  if (!stays) ++viewer.models;
+  if (before && !stays) reset();
   const name = hello.model.split('/').filter(Boolean).pop() || hello.model;
   document.title = byId('title').textContent = name + ' · sparegs';
   fillSelect(byId('aov'), hello.aovs.map((aov) => [aov.name, aov.name.replaceAll('_', ' ')]));
@@ -24,7 +45,7 @@ onMessage('hello', (hello) => {
   byId('regionBox').hidden = !hello.aovs.some((aov) => aov.name === 'region');
   for (const id of ['log', 'rangeLow', 'rangeHigh']) byId(id).disabled = !rampOf(byId('aov').value);
   startCrop(hello);
-  if (again) requestPicture(false);
+  if (stays) requestPicture(false);
   else goHome();
   showFov();
   startRun(hello);

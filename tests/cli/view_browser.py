@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -50,6 +51,23 @@ def parse_ppm(data):
             fields.append(data[at:end])
         at = end + 1
     return int(fields[1]), int(fields[2]), data[at:]
+
+
+def lens_scene(name, model, focal, distortion):
+    """Photographs of the scene cut to 360 x 270 pixels, with a lens of COLMAP's model number `model`."""
+    path = os.path.join(folder, name)
+    os.makedirs(os.path.join(path, "images"), exist_ok=True)
+    shutil.copytree(os.path.join(scene, "sparse"), os.path.join(path, "sparse"), dirs_exist_ok=True)
+    for photo in sorted(os.listdir(os.path.join(scene, "images"))):
+        subprocess.run(["oiiotool", os.path.join(scene, "images", photo), "--cut", "360x270+60+0", "--fullpixels",
+                        "-o", os.path.join(path, "images", photo)], check=True)
+    params = [*focal, 181, 133, *distortion]
+    with open(os.path.join(path, "sparse", "0", "cameras.bin"), "r+b") as file:
+        identifier = struct.unpack("<QIiQQ", file.read(32))[1]
+        file.seek(0)
+        file.write(struct.pack(f"<QIiQQ{len(params)}d", 1, identifier, model, 360, 270, *params))
+        file.truncate()
+    return path
 
 
 class Page(Browser):
@@ -408,6 +426,28 @@ def crop(page):
     page.set("cropPreview", "off")
 
 
+def fixed_size(page):
+    """Photographs of 4:3 in pictures of 16:9."""
+    process, url = serve(model_file(), lens_scene("pinhole", 1, (300, 300), ()))
+    try:
+        page.start(url)
+        page.wait("photoReady")
+        for mode in ("render", "slider", "difference", "photo"):
+            page.set("compare", mode)
+            page.set("size", "1280x720")
+            page.rest()
+            expect("a_view_keeps_its_aspect: " + mode, page.pixels()[:2] == (960, 720), page.pixels()[:2])
+        box = page.run("(() => { const b = photo.getBoundingClientRect(); return b.width / b.height; })()")
+        expect("the_photograph_is_not_stretched", abs(box - 4 / 3) < 0.01, box)
+        page.set("compare", "render")
+        page.run("fly(0, 0, 0.01)")
+        page.rest()
+        expect("other_cameras_have_the_fixed_size", page.pixels()[:2] == (1280, 720))
+        page.set("size", "window")
+    finally:
+        process.kill()
+
+
 def survives(page, process, url):
     page.open(url)
     page.wait("window.viewer && viewer.shown.length > 0")
@@ -477,6 +517,7 @@ def main():
                (page.messages, page.run("viewer.errors")))
         survives(page, process, url)
         reconnects(page)
+        fixed_size(page)
     finally:
         page.close()
         process.kill()

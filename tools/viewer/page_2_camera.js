@@ -166,11 +166,10 @@ function pictureSize() {
   let width = Math.max(64, Math.round(stage.width * ratio)), height = Math.max(64, Math.round(stage.height * ratio));
   const choice = byId('size').value, index = camera.view >= 0 ? camera.view : camera.lens;
   const view = index >= 0 ? viewer.hello.views[index] : null;
-  if (choice.includes('x')) {
-    [width, height] = choice.split('x').map(Number);
-  } else if (choice === 'photo' && view) {
+  if (choice.includes('x')) [width, height] = choice.split('x').map(Number);
+  if (choice === 'photo' && view) {
     [width, height] = [view.width, view.height];
-  } else if (camera.view >= 0) {
+  } else if (camera.view >= 0) { // the photograph lies over the picture
     const scale = Math.min(width / view.width, height / view.height);
     [width, height] = [Math.max(1, Math.round(view.width * scale)), Math.max(1, Math.round(view.height * scale))];
   }

@@ -18,7 +18,7 @@ python3 "$SPAREGS_SOURCE/tests/cli/view_browser.py" "$program" "$temporary/run" 
 grep -vE '^ok ' "$temporary/page"
 last_command="view_browser.py"
 check every_control_works test "$status" -eq 0 -a "$(grep -c '^ok ' "$temporary/page")" -gt 90
-for picture in opened depth slider pixel crop phone; do
+for picture in opened depth slider pixel crop phone fisheye; do
     check "screenshot: $picture" test -s "$temporary/pages/$picture.png"
 done
 status=0

@@ -6,6 +6,7 @@
 
 import base64
 import json
+import math
 import os
 import shutil
 import signal
@@ -58,9 +59,10 @@ def lens_scene(name, model, focal, distortion):
     path = os.path.join(folder, name)
     os.makedirs(os.path.join(path, "images"), exist_ok=True)
     shutil.copytree(os.path.join(scene, "sparse"), os.path.join(path, "sparse"), dirs_exist_ok=True)
+    words = ["oiiotool"]
     for photo in sorted(os.listdir(os.path.join(scene, "images"))):
-        subprocess.run(["oiiotool", os.path.join(scene, "images", photo), "--cut", "360x270+60+0", "--fullpixels",
-                        "-o", os.path.join(path, "images", photo)], check=True)
+        words += [os.path.join(scene, "images", photo), "--cut", "360x270+60+0", "-o", os.path.join(path, "images", photo), "--pop"]
+    subprocess.run(words, check=True)
     params = [*focal, 181, 133, *distortion]
     with open(os.path.join(path, "sparse", "0", "cameras.bin"), "r+b") as file:
         identifier = struct.unpack("<QIiQQ", file.read(32))[1]
@@ -448,6 +450,113 @@ def fixed_size(page):
         process.kill()
 
 
+# Lenses by COLMAP's names: parameters after those of the intrinsics. The last ones are strong.
+LENSES = (("SIMPLE_PINHOLE", ()), ("PINHOLE", ()), ("SIMPLE_RADIAL", (-0.1,)), ("RADIAL", (-0.12, 0.03)),
+          ("OPENCV", (-0.2, 0.05, 0.003, -0.002)), ("FULL_OPENCV", (0.2, -0.1, 0.001, 0.002, 0.02, 0.3, 0.05, -0.01)),
+          ("FOV", (0.9,)), ("SIMPLE_RADIAL_FISHEYE", (0.05,)), ("RADIAL_FISHEYE", (0.04, -0.02)),
+          ("OPENCV_FISHEYE", (0.03, -0.012, 0.004, -0.001)),
+          ("THIN_PRISM_FISHEYE", (0.05, -0.02, 0.002, -0.001, 0.003, -0.001, 0.004, -0.003)))
+
+
+def colmap_distortion(name, extra, point):
+    """WorldToImage of COLMAP's camera_models.h without focal length and principal point, model by model."""
+    u, v = point[0] / point[2], point[1] / point[2]
+    if name.endswith("_FISHEYE"):
+        r = math.hypot(u, v)
+        u, v = (u * math.atan(r) / r, v * math.atan(r) / r) if r > 0 else (u, v)
+    r2, uv = u * u + v * v, u * v
+    if name.endswith("PINHOLE"):
+        return u, v
+    if name == "FOV":
+        r = math.sqrt(r2)
+        factor = math.atan(r * 2 * math.tan(extra[0] / 2)) / (r * extra[0]) if r > 0 else 1
+        return u * factor, v * factor
+    if name == "OPENCV_FISHEYE":
+        radial = sum(k * r2 ** (i + 1) for i, k in enumerate(extra))
+        return u + u * radial, v + v * radial
+    if len(extra) < 3:
+        radial = extra[0] * r2 + (extra[1] * r2 * r2 if len(extra) == 2 else 0)
+        return u + u * radial, v + v * radial
+    k1, k2, p1, p2 = extra[:4]
+    radial = k1 * r2 + k2 * r2 * r2
+    du, dv = 2 * p1 * uv + p2 * (r2 + 2 * u * u), 2 * p2 * uv + p1 * (r2 + 2 * v * v)
+    if name == "FULL_OPENCV":
+        k3, k4, k5, k6 = extra[4:]
+        radial = (1 + radial + k3 * r2 ** 3) / (1 + k4 * r2 + k5 * r2 ** 2 + k6 * r2 ** 3) - 1
+    elif name == "THIN_PRISM_FISHEYE":
+        k3, k4, sx1, sy1 = extra[4:]
+        radial += k3 * r2 ** 3 + k4 * r2 ** 4
+        du, dv = du + sx1 * r2, dv + sy1 * r2
+    return u + u * radial + du, v + v * radial + dv
+
+
+def lenses(page):
+    """The page's projection against COLMAP's formulas, its inversion against the projection."""
+    points = [(x / 5, y / 5, z) for x in range(-4, 5) for y in range(-4, 5) for z in (0.9, 2.5)]
+    for name, extra in LENSES:
+        simple = name.startswith("SIMPLE") or name in ("RADIAL", "RADIAL_FISHEYE")
+        view = {"lens": name, "fisheye": name.endswith("_FISHEYE"), "params": [300, 181, 133, *extra] if simple else [300, 310, 181, 133, *extra]}
+        found = page.run(f"""(() => {{ const lens = lensOf({json.dumps(view)});
+            return {json.dumps(points)}.map((p) => {{ const at = throughLens(lens, p), ray = at && unit(rayOfLens(lens, at)), to = unit(p);
+                return at && [...at, norm(add(ray, to, -1))]; }}); }})()""")
+        within = [(at, point) for at, point in zip(found, points) if at]
+        expect("a_lens_has_a_domain: " + name, len(within) >= 0.8 * len(points), len(within))
+        wrong = max(math.dist(at[:2], colmap_distortion(name, extra, point)) for at, point in within)
+        expect("it_is_that_of_colmap: " + name, wrong < 1e-12, wrong)
+        expect("its_rays_are_the_inverse: " + name, max(at[2] for at, _ in within) < 1e-7)
+    # y = r - 0.5 r^3 decreases beyond the square root of 2/3; both halves of a fold must not be drawn.
+    limit = page.run("makeLens('SIMPLE_RADIAL', false, [300, 181, 133, -0.5]).limit")
+    expect("a_fold_ends_the_domain", abs(limit - math.sqrt(2 / 3)) < 1e-9, limit)
+
+
+def overlays(page):
+    """What is drawn over the pictures of a fisheye lens, against points that the program traced."""
+    process, url = serve(model_file(), lens_scene("fisheye", 5, (150, 151), LENSES[9][1]))
+    try:
+        page.start(url)
+        page.set("size", "photo")
+        page.rest()
+        checked = 0
+        for x in range(20, 360, 53):
+            for y in range(15, 270, 48):
+                page.run(f"probing = false; viewer.probe = null; probe({x}, {y})")
+                page.wait("viewer.probe !== null")
+                if not page.run("viewer.probe.depth > 0"):
+                    continue
+                checked += 1
+                found = page.run("project(viewer.probe.position)")
+                off = found and math.dist(found, (x + 0.5, y + 0.5))
+                if not (found and off < 0.02):
+                    expect("a_traced_point_is_drawn_at_its_pixel", False, (x, y, found))
+                turned = page.run(f"norm(add(unit(add(viewer.probe.position, camera.position, -1)), rayThrough({x}, {y}), -1))")
+                if not turned < 1e-4:
+                    expect("its_ray_passes_the_point", False, (x, y, turned))
+        expect("points_were_traced", checked > 20, checked)
+        page.set("cropPreview", "mark")
+        page.set("sphereOn", True)
+        start = page.run("""(() => { const to = add(camera.position, rayThrough(300, 60), targetDistance());
+            ['x', 'y', 'z'].forEach((name, k) => { byId('sphere_' + name).value = to[k]; }); byId('sphere_radius').value = 0.01;
+            cropChanged(); const box = picture.getBoundingClientRect(), at = project(to);
+            return [box.left + at[0] * box.width / request.width, box.top + at[1] * box.height / request.height]; })()""")
+        page.rest()
+        page.mouse("mouseMoved", *start)
+        page.mouse("mousePressed", *start, "left", 1, clickCount=1)
+        for k in range(1, 11):
+            page.mouse("mouseMoved", start[0] - 8 * k, start[1] + 6 * k, "left", 1)
+        page.mouse("mouseReleased", start[0] - 80, start[1] + 60, "left", 0, clickCount=1)
+        page.rest()
+        end = page.run("""(() => { const box = picture.getBoundingClientRect(), at = project(cropValues().sphere.slice(0, 3));
+            return [box.left + at[0] * box.width / request.width, box.top + at[1] * box.height / request.height]; })()""")
+        expect("a_handle_follows_the_pointer", math.dist(end, (start[0] - 80, start[1] + 60)) < 2, (start, end))
+        page.set("frusta", True)
+        page.screenshot(os.path.join(folder, "fisheye.png"))
+        page.set("frusta", False)
+        page.set("cropPreview", "off")
+        page.set("size", "window")
+    finally:
+        process.kill()
+
+
 def survives(page, process, url):
     page.open(url)
     page.wait("window.viewer && viewer.shown.length > 0")
@@ -518,6 +627,8 @@ def main():
         survives(page, process, url)
         reconnects(page)
         fixed_size(page)
+        lenses(page)
+        overlays(page)
     finally:
         page.close()
         process.kill()

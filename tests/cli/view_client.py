@@ -88,6 +88,8 @@ def pictures(url, folder):
     hello = page.wait("hello")
     view = hello["views"][0]
     sizes = {"width": view["width"], "height": view["height"]}
+    expect("the_lens_is_described", view["lens"] == "OPENCV" and view["params"][:4] == view["intrinsics"] and len(view["params"]) == 8
+           and any(view["params"][4:]), view)
     matrix = list(view["camera_to_world"])
     matrix[3] += 0.05 * hello["extent"]
     frame = {"camera_to_world": matrix, "fov": 61.7}

@@ -109,9 +109,14 @@ function levelHorizon() {
   moved();
 }
 
-// Focal length and principal point, in pixels, of the picture as requested. Distortion is ignored.
+// The view whose lens the picture has; null: a pinhole.
+function lensView() {
+  return camera.lens >= 0 ? viewer.hello.views[camera.lens] : null;
+}
+
+// Focal length and principal point, in pixels, of the picture as requested.
 function intrinsics(width, height) {
-  const view = camera.lens >= 0 ? viewer.hello.views[camera.lens] : null;
+  const view = lensView();
   if (!view) {
     const focal = 0.5 * height / Math.tan(camera.fov * Math.PI / 360);
     return [focal, focal, width / 2, height / 2];
@@ -123,8 +128,8 @@ function intrinsics(width, height) {
 // Unit direction in world space of the ray through a pixel.
 function rayThrough(x, y) {
   const [fx, fy, cx, cy] = intrinsics(request.width, request.height);
-  const a = (x + 0.5 - cx) / fx, b = (y + 0.5 - cy) / fy;
-  return unit(add(add(times(camera.right, a), camera.up, -b), camera.back, -1));
+  const ray = rayOfLens(lensOf(lensView()), [(x + 0.5 - cx) / fx, (y + 0.5 - cy) / fy]);
+  return unit(add(add(times(camera.right, ray[0]), camera.up, -ray[1]), camera.back, -ray[2]));
 }
 
 function goToView(index) {

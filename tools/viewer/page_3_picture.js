@@ -64,25 +64,40 @@ function drawRamp(colors) {
 // ---- Overlay: the frusta of the cameras, the chosen pixel, the difference ----
 
 let chosen = null; // the clicked pixel
+// Pixel coordinates of a point in world space, through the lens of the picture; null if it has none.
 function project(point) {
   const [fx, fy, cx, cy] = intrinsics(request.width, request.height);
   const offset = add(point, camera.position, -1);
-  const z = -dot(offset, camera.back);
-  if (!(z > 1e-3)) return null;
-  return [cx + fx * dot(offset, camera.right) / z, cy - fy * dot(offset, camera.up) / z];
+  const at = throughLens(lensOf(lensView()), [dot(offset, camera.right), -dot(offset, camera.up), -dot(offset, camera.back)]);
+  return at && [cx + fx * at[0], cy + fy * at[1]];
 }
 
+// A line in world space, in pieces: lenses bend it.
+function drawLine(context, a, b, pieces = 16) {
+  const longest = lensOf(lensView()).fisheye ? overlay.width : Infinity; // around the back of a fisheye
+  let from = project(a);
+  for (let k = 1; k <= pieces; ++k) {
+    const to = project(add(times(a, 1 - k / pieces), b, k / pieces));
+    if (from && to && Math.hypot(to[0] - from[0], to[1] - from[1]) < longest) {
+      context.moveTo(...from);
+      context.lineTo(...to);
+    }
+    from = to;
+  }
+}
+
+// The corners lie on the plane at distance `size`, beyond 60 degrees from the axis nearer.
 function drawFrustum(context, view, size) {
   const m = view.camera_to_world, [fx, fy, cx, cy] = view.intrinsics;
   const at = (x, y, z) => [0, 1, 2].map((k) => m[4 * k + 3] + x * m[4 * k] + y * m[4 * k + 1] + z * m[4 * k + 2]);
-  const corner = (x, y) => at((x - cx) / fx * size, -(y - cy) / fy * size, -size);
-  const tip = project(at(0, 0, 0));
-  const corners = [[0, 0], [view.width, 0], [view.width, view.height], [0, view.height]].map(([x, y]) => project(corner(x, y)));
+  const corners = [[0, 0], [view.width, 0], [view.width, view.height], [0, view.height]].map(([x, y]) => {
+    const ray = unit(rayOfLens(lensOf(view), [(x - cx) / fx, (y - cy) / fy])), scale = size / Math.max(ray[2], 0.5);
+    return at(ray[0] * scale, -ray[1] * scale, -ray[2] * scale);
+  });
   context.beginPath();
-  corners.forEach((point, k) => {
-    const next = corners[(k + 1) % 4];
-    if (point && next) { context.moveTo(...point); context.lineTo(...next); }
-    if (point && tip) { context.moveTo(...tip); context.lineTo(...point); }
+  corners.forEach((corner, k) => {
+    drawLine(context, corner, corners[(k + 1) % 4], 8);
+    drawLine(context, at(0, 0, 0), corner, 8);
   });
   context.stroke();
 }
@@ -185,10 +200,14 @@ onMessage('probe', (message) => {
   }
 });
 
-function pixelAt(event) {
+// Pixel coordinates of the pointer.
+function pointerAt(event) {
   const box = picture.getBoundingClientRect();
-  const x = Math.floor((event.clientX - box.left) / box.width * request.width);
-  const y = Math.floor((event.clientY - box.top) / box.height * request.height);
+  return [(event.clientX - box.left) / box.width * request.width, (event.clientY - box.top) / box.height * request.height];
+}
+
+function pixelAt(event) {
+  const [x, y] = pointerAt(event).map(Math.floor);
   return x >= 0 && y >= 0 && x < request.width && y < request.height ? [x, y] : null;
 }
 
@@ -211,7 +230,7 @@ picture.addEventListener('pointerdown', (event) => {
   try { picture.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic event */ }
   pointers.set(event.pointerId, [event.clientX, event.clientY]);
   dragged = pointers.size > 1 ? 99 : 0;
-  grabbed = pointers.size === 1 ? handleAt(pixelAt(event)) : null;
+  grabbed = pointers.size === 1 ? handleAt(pointerAt(event)) : null;
 });
 
 function drag(event, from) {
@@ -241,7 +260,7 @@ picture.addEventListener('pointermove', (event) => {
   }
   dragged += Math.hypot(event.clientX - from[0], event.clientY - from[1]);
   if (dragged > 4 || pointers.size > 1) {
-    if (grabbed) dragHandle(grabbed, from, event);
+    if (grabbed) dragHandle(grabbed, pointerAt(event));
     else if (pointers.size > 1) pinchTo(from, event);
     else drag(event, from);
     pointers.set(event.pointerId, [event.clientX, event.clientY]);

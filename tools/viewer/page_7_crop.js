@@ -122,40 +122,36 @@ function cropHandles() {
   return byId('cropPreview').value === 'off' ? [] : handles;
 }
 
-function handleAt(pixel) {
-  if (!pixel) return null;
+// The handle near a point of the picture, and its distance from it; null without one.
+function handleAt(pointer) {
   const reach = 12 * request.height / picture.getBoundingClientRect().height;
-  const handles = cropHandles();
-  const index = handles.findIndex((handle) => {
-    const at = project(handle.point);
-    return at && Math.hypot(at[0] - pixel[0], at[1] - pixel[1]) < reach;
-  });
-  return index < 0 ? null : {index};
+  const places = cropHandles().map((handle) => project(handle.point));
+  const index = places.findIndex((at) => at && Math.hypot(at[0] - pointer[0], at[1] - pointer[1]) < reach);
+  return index < 0 ? null : {index, offset: [places[index][0] - pointer[0], places[index][1] - pointer[1]]};
 }
 
-function dragHandle(held, from, event) {
-  const handle = cropHandles()[held.index], box = picture.getBoundingClientRect();
-  const scale = request.height / box.height, at = handle && project(handle.point);
+// Moves a handle to the pointer, except for its offset.
+function dragHandle(held, pointer) {
+  const handle = cropHandles()[held.index], at = handle && project(handle.point);
   if (!at) return;
-  const delta = [(event.clientX - from[0]) * scale, (event.clientY - from[1]) * scale];
+  const delta = [pointer[0] + held.offset[0] - at[0], pointer[1] + held.offset[1] - at[1]], step = 1e-3 * targetDistance();
+  // Pixels per unit along an axis.
+  const along = (axis) => {
+    const next = project(add(handle.point, axis, step));
+    return next && [(next[0] - at[0]) / step, (next[1] - at[1]) / step];
+  };
   if (handle.axis) {
-    const step = 1e-3 * targetDistance(), next = project(add(handle.point, handle.axis, step));
-    if (!next) return;
-    const along = [(next[0] - at[0]) / step, (next[1] - at[1]) / step];
-    handle.apply((delta[0] * along[0] + delta[1] * along[1]) / Math.max(along[0] ** 2 + along[1] ** 2, 1e-9));
+    const axis = along(handle.axis);
+    if (!axis) return;
+    handle.apply((delta[0] * axis[0] + delta[1] * axis[1]) / Math.max(axis[0] ** 2 + axis[1] ** 2, 1e-9));
   } else {
-    const depth = -dot(add(handle.point, camera.position, -1), camera.back), focal = intrinsics(request.width, request.height)[0];
-    handle.apply(add(times(camera.right, delta[0] * depth / focal), camera.up, -delta[1] * depth / focal));
+    const right = along(camera.right), up = along(camera.up), det = right && up ? right[0] * up[1] - right[1] * up[0] : 0;
+    if (!det) return;
+    handle.apply(add(times(camera.right, (delta[0] * up[1] - delta[1] * up[0]) / det), camera.up,
+      (delta[1] * right[0] - delta[0] * right[1]) / det));
   }
   byId('cropCommand').textContent = cropCommand();
   requestPicture(true);
-}
-
-function drawLine(context, a, b) {
-  const from = project(a), to = project(b);
-  if (!from || !to) return;
-  context.moveTo(...from);
-  context.lineTo(...to);
 }
 
 drawMore.push((context) => {
@@ -172,7 +168,7 @@ drawMore.push((context) => {
     const center = crop.sphere.slice(0, 3), around = (u, v, t) =>
       add(add(center, u, crop.sphere[3] * Math.cos(t)), v, crop.sphere[3] * Math.sin(t));
     for (const [u, v] of [[[1, 0, 0], [0, 1, 0]], [[0, 1, 0], [0, 0, 1]], [[0, 0, 1], [1, 0, 0]]])
-      for (let i = 0; i < 48; ++i) drawLine(context, around(u, v, i * Math.PI / 24), around(u, v, (i + 1) * Math.PI / 24));
+      for (let i = 0; i < 48; ++i) drawLine(context, around(u, v, i * Math.PI / 24), around(u, v, (i + 1) * Math.PI / 24), 1);
   }
   context.stroke();
   context.fillStyle = '#7cff6b';

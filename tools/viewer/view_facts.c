@@ -45,12 +45,13 @@ static json_t *view_json(const named_camera *view, bool is_test, bool has_photo)
     const double fov = 2 * atan(0.5 * view->camera.height / fy) * 180 / 3.141592653589793;
     const double intrinsics[4] = {fx, fy, cx, cy};
     const char *lens = sgs_camera_model_name(view->camera.model);
-    return json_pack("{s:o,s:i,s:i,s:b,s:b,s:o,s:f,s:o,s:b,s:s}", "name",
+    return json_pack("{s:o,s:i,s:i,s:b,s:b,s:o,s:f,s:o,s:b,s:s,s:o}", "name",
                      name ? name : json_string("?"), "width", view->camera.width, "height",
                      view->camera.height, "test", is_test, "photo", has_photo, "camera_to_world",
                      matrix_json(&view->pose), "fov", fov, "intrinsics",
                      numbers_json(intrinsics, 4), "fisheye",
-                     sgs_camera_is_fisheye(view->camera.model), "lens", lens ? lens : "?");
+                     sgs_camera_is_fisheye(view->camera.model), "lens", lens ? lens : "?", "params",
+                     numbers_json(view->camera.params, sgs_camera_param_count(view->camera.model)));
 }
 
 static json_t *views_json(const view_source *source)

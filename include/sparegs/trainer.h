@@ -114,7 +114,9 @@ typedef struct sgs_pipeline_options {
     // gradient threshold of 3DGS, 2e-4.
     double fastgs_gradient;
     double fastgs_dense; // FastGS: size, in extents of the scene, above which to split; 0.001
-    // MCMC: noise on the positions, as a multiple of their learning rate; 5e5.
+    // MCMC: noise on the positions, as a multiple of their learning rate; -1 = 5e5, in scaled runs
+    // below 30 000 iterations less and 0 up to 7000, where the parts of a divided primitive are
+    // spread by their covariance instead.
     double mcmc_noise;
     double mcmc_opacity_loss; // MCMC: weight of the mean opacity in the loss; 0.01
     double mcmc_scale_loss;   // MCMC: weight of the mean scale in the loss; 0.01

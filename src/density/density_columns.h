@@ -73,6 +73,8 @@ typedef struct sgsi_row_moves {
     float *opacity;   // of row i and its copies; 0: as it was
     float *log_scale; // added to the log-scales of the root
     uint8_t *forget;  // the moments of row i become 0
+    // Rows with a new opacity move by R S xi times this, xi ~ N(0, I)^3, with their new scales.
+    double spread;
 } sgsi_row_moves;
 
 // Columns of the old rows of one structural update, [count] each.

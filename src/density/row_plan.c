@@ -12,6 +12,8 @@
 #include "base/core.h"
 #include "base/threads.h"
 
+enum { SPREAD_TAG = 0x59EAD };
+
 void sgsi_plan_trim(sgsi_density_plan *plan)
 {
     for (int k = 0; k < 2; ++k)
@@ -37,11 +39,10 @@ typedef struct gather_job {
     const sgsi_density_options *options;
 } gather_job;
 
-// Split child: mean + R (s * n), n ~ N(0, 1)^3; scales / 1.6.
-static void make_child(const gather_job *job, const sgsi_plan_entry *entry,
-                       float params[SGS_PARAM_COUNT])
+// mean += amount * R S xi, xi ~ N(0, I): by the normals `counter` to `counter` + 2 of the seed.
+static void move_in_covariance(float params[SGS_PARAM_COUNT], double amount, uint64_t seed,
+                               uint64_t counter)
 {
-    const uint64_t seed = sgsi_random_bits(job->options->seed, (uint64_t)job->options->iteration);
     double q[4], norm = 0.0, local[3];
     for (int k = 0; k < 4; ++k) {
         q[k] = params[SGS_PARAM_ROTATION + k];
@@ -58,27 +59,42 @@ static void make_child(const gather_job *job, const sgsi_plan_entry *entry,
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
         2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
         2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
-    const uint64_t counter = (uint64_t)entry->row * 8 + (entry->kind == SGSI_PLAN_CHILD_1 ? 4 : 0);
     for (int k = 0; k < 3; ++k)
-        local[k] = exp((double)params[SGS_PARAM_SCALE + k]) *
+        local[k] = amount * exp((double)params[SGS_PARAM_SCALE + k]) *
                    sgsi_random_normal(seed, counter + (uint64_t)k);
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; ++k)
         params[SGS_PARAM_MEAN + k] +=
             (float)(rotation[3 * k] * local[0] + rotation[3 * k + 1] * local[1] +
                     rotation[3 * k + 2] * local[2]);
-        params[SGS_PARAM_SCALE + k] -= 0.47000363f; // ln 1.6
-    }
 }
 
-// Opacity and scales of a row whose opacity was divided among several.
-static void apply_move(const sgsi_row_moves *moves, uint32_t row, float params[SGS_PARAM_COUNT])
+// Split child: mean + R (s * n), n ~ N(0, 1)^3; scales / 1.6.
+static void make_child(const gather_job *job, const sgsi_plan_entry *entry,
+                       float params[SGS_PARAM_COUNT])
 {
+    const uint64_t seed = sgsi_random_bits(job->options->seed, (uint64_t)job->options->iteration);
+    const uint64_t counter = (uint64_t)entry->row * 8 + (entry->kind == SGSI_PLAN_CHILD_1 ? 4 : 0);
+    move_in_covariance(params, 1.0, seed, counter);
+    for (int k = 0; k < 3; ++k)
+        params[SGS_PARAM_SCALE + k] -= 0.47000363f; // ln 1.6
+}
+
+// Opacity, scales and mean of a row whose opacity was divided among several. row: the old one;
+// place: the new one, in the rows of all processes.
+static void apply_move(const gather_job *job, uint32_t row, size_t place,
+                       float params[SGS_PARAM_COUNT])
+{
+    const sgsi_row_moves *moves = job->moves;
     const double opacity = (double)moves->opacity[row];
     if (!(opacity > 0.0))
         return;
     params[SGS_PARAM_OPACITY] = (float)log(opacity / (1.0 - opacity));
     for (int k = 0; k < 3; ++k)
         params[SGS_PARAM_SCALE + k] += moves->log_scale[row];
+    const uint64_t seed =
+        sgsi_random_bits(job->options->seed ^ SPREAD_TAG, (uint64_t)job->options->iteration);
+    if (moves->spread > 0.0)
+        move_in_covariance(params, moves->spread, seed, 4 * (uint64_t)place);
 }
 
 // Old row whose values an entry of the plan begins with.
@@ -97,12 +113,12 @@ static bool has_source(const gather_job *job, const sgsi_plan_entry *entry)
     return job->parameters || (stays && !forgets);
 }
 
-// From the values of the old row to those of the new one.
-static void finish_row(const gather_job *job, const sgsi_plan_entry *entry,
+// From the values of the old row to those of the new one, row `place` of all processes.
+static void finish_row(const gather_job *job, const sgsi_plan_entry *entry, size_t place,
                        float row[SGS_PARAM_COUNT])
 {
     if (job->parameters && job->moves->root && entry->kind != SGSI_PLAN_FIXED)
-        apply_move(job->moves, entry->row, row);
+        apply_move(job, entry->row, place, row);
     if (job->parameters && (entry->kind == SGSI_PLAN_CHILD_0 || entry->kind == SGSI_PLAN_CHILD_1))
         make_child(job, entry, row);
 }
@@ -123,7 +139,7 @@ static void gather_rows(void *context, size_t begin, size_t end, int thread)
         if (has_source(job, entry))
             for (int k = 0; k < SGS_PARAM_COUNT; ++k)
                 row[k] = from[k * SGS_LANES];
-        finish_row(job, entry, row);
+        finish_row(job, entry, i, row);
         float *to = row_at(job->to, i);
         for (int k = 0; k < SGS_PARAM_COUNT; ++k)
             to[k * SGS_LANES] = row[k];
@@ -178,7 +194,7 @@ static void copy_moves(const gather_job *job, const sgsi_density_plan *plan,
         if (sends)
             continue;
         if (!first) // children and moves change the first parameters only
-            finish_row(job, entry, row);
+            finish_row(job, entry, i, row);
         float *to = row_at(job->to, sgsi_shard_place(i, peers->ranks));
         for (int k = 0; k < count; ++k)
             to[(first + k) * SGS_LANES] = row[k];

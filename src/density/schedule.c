@@ -54,11 +54,10 @@
 #include <math.h>
 
 #include "density/pipeline.h"
+#include "density/run_length.h"
 
 enum {
-    PAPER_LENGTH = 30000,
     PAPER_HALF = 15000,
-    SHORT_LENGTH = 7000,
     CONSTANT_LENGTH = 1000,
     FEW_VIEWS_LENGTH = 2000,
     SHORT_UPDATES = 10,
@@ -109,7 +108,7 @@ static bool is_white(const sgs_train_options *options)
 
 static int first_update(int iterations)
 {
-    return rounded(500 * fmin(1.0, (double)iterations / SHORT_LENGTH) - 1, 1);
+    return rounded(500 * fmin(1.0, (double)iterations / SGSI_SHORT_LENGTH) - 1, 1);
 }
 
 // The updates of a pipeline that relocates, in a run of f < 1 of the published length.
@@ -162,13 +161,6 @@ static sgsi_schedule finetune(const sgs_train_options *options)
                            .threshold_factor = 1.0};
 }
 
-// Position of N < PAPER_LENGTH between SHORT_LENGTH, 0, and PAPER_LENGTH, 1; log-linear.
-static double beyond_short(int iterations)
-{
-    return fmax(log((double)iterations / SHORT_LENGTH) / log((double)PAPER_LENGTH / SHORT_LENGTH),
-                0.0);
-}
-
 // How far growth follows the rules of large photographs, 0 to 1: log-linear in their pixels, and
 // linear in their number.
 static double fine_growth(size_t views, double pixels)
@@ -180,20 +172,20 @@ static double fine_growth(size_t views, double pixels)
 
 static double sh_rate(const sgs_train_options *options, size_t views)
 {
-    if (options->schedule != SGS_SCHEDULE_SCALED || options->iterations >= PAPER_LENGTH)
+    if (options->schedule != SGS_SCHEDULE_SCALED || options->iterations >= SGSI_PAPER_LENGTH)
         return 1.0;
     const double above = log((double)options->iterations / FEW_VIEWS_LENGTH) /
-                         log((double)SHORT_LENGTH / FEW_VIEWS_LENGTH);
+                         log((double)SGSI_SHORT_LENGTH / FEW_VIEWS_LENGTH);
     return pow(fmin((double)views / FEW_VIEWS, 1.0),
-               fmin(fmax(above, 0.0), 1.0 - beyond_short(options->iterations)));
+               fmin(fmax(above, 0.0), sgsi_run_shortness(options)));
 }
 
-// A tenth at SHORT_LENGTH, more on large photographs, 1 up to CONSTANT_LENGTH and from PAPER_LENGTH
-// on; beyond: position of N between the last two, log-linear.
+// A tenth at SGSI_SHORT_LENGTH, more on large photographs, 1 up to CONSTANT_LENGTH and from
+// SGSI_PAPER_LENGTH on; beyond: position of N between the last two, log-linear.
 static double late_rate(int iterations, double beyond, double large)
 {
-    const double below =
-        log((double)iterations / CONSTANT_LENGTH) / log((double)SHORT_LENGTH / CONSTANT_LENGTH);
+    const double below = log((double)iterations / CONSTANT_LENGTH) /
+                         log((double)SGSI_SHORT_LENGTH / CONSTANT_LENGTH);
     const double shortest = SHORT_LATE_RATE * pow(LARGE_LATE_RATE / SHORT_LATE_RATE, large);
     return pow(shortest, fmin(fmax(below, 0.0), 1.0 - beyond));
 }
@@ -213,7 +205,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         return finetune(options);
     const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
     const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
-    const double f = scaled ? (double)options->iterations / PAPER_LENGTH : 1.0;
+    const double f = scaled ? (double)options->iterations / SGSI_PAPER_LENGTH : 1.0;
     sgsi_schedule schedule = {
         .iterations = options->iterations,
         .dense = is_dense(options),
@@ -234,7 +226,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         .resolution_interval = rounded(100 * fmin(f, 1.0), 1),
         .ssim_weight = ssim_weight(options, 0.0),
         .ssim_sigma = ssim_sigma(options, 0.0),
-        .lr_span = PAPER_LENGTH * f,
+        .lr_span = SGSI_PAPER_LENGTH * f,
         .anneal_from = options->iterations,
         .lr_late = 1.0,
         .lr_shape = 1.0,
@@ -242,14 +234,14 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         .lr_opacity = 1.0,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
-    if (!scaled || options->iterations == PAPER_LENGTH)
+    if (!scaled || options->iterations == SGSI_PAPER_LENGTH)
         return schedule;
     schedule.densify_until = rounded(pipeline->densify_until * f, 1);
     if (f >= 1.0) {
         schedule.reset_until = schedule.densify_until;
         return schedule;
     }
-    const double beyond = beyond_short(options->iterations);
+    const double beyond = 1.0 - sgsi_run_shortness(options);
     schedule.anneal_from = rounded(ANNEAL_FROM * options->iterations, 1);
     const double large = pipeline->fine_growth ? fine_growth(views, pixels) : 0.0;
     schedule.lr_late = late_rate(options->iterations, beyond, large);

@@ -443,7 +443,7 @@ static void mcmc_options_change_the_run(void **state)
         sgs_train_options options = mcmc_run(110);
         options.optimizer = k == 8 ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE;
         sgs_pipeline_options *own = &options.pipeline_options;
-        own->mcmc_noise *= k == 1 ? 0 : 1;
+        own->mcmc_noise = k == 1 ? 1e5 : -1;
         own->mcmc_opacity_loss *= k == 2 ? 0 : 1;
         own->mcmc_scale_loss *= k == 3 ? 0 : 1;
         own->mcmc_growth *= k == 4 ? 0.01 : 1;

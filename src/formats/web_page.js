@@ -346,8 +346,9 @@ async function start() {
   centre = target;
   document.title = given.name;
 
-  const linked = compile(gl), place = (name) => gl.getUniformLocation(linked, name);
-  gl.useProgram(linked);
+  program = compile(gl);
+  const place = (name) => gl.getUniformLocation(program, name);
+  gl.useProgram(program);
   const bands = meta.shN ? meta.shN.bands : 0, codes = new Float32Array(768);
   codes.set(meta.scales.codebook, 0);
   codes.set(meta.sh0.codebook, 256);

@@ -99,10 +99,7 @@ typedef struct sgs_model_camera {
 typedef struct sgs_model_write_options {
     size_t struct_size; // set by sgs_model_write_options_default
     bool antialiased;   // marks the file, if the format has a mark
-    // Recorded if the format has a mark and they are linear or the white point is known; `named` is
-    // ignored.
-    sgs_model_colors colors;
-    int spz_version; // 3 (gzip) or 4 (Zstandard)
+    int spz_version;    // 3 (gzip) or 4 (Zstandard)
     sgs_spz_axes spz_axes;
     int ksplat_level;        // 0: floats; 1: 16 bits; 2: 8 bits for SH
     int sh_palette;          // entries of SOG's SH palette, 1 to 65536; 0: by the count
@@ -113,6 +110,9 @@ typedef struct sgs_model_write_options {
     size_t camera_count;
     sgs_progress_fn progress; // or NULL
     void *progress_user;
+    // Recorded if the format has a mark and they are linear or the white point is known; `named` is
+    // ignored.
+    sgs_model_colors colors;
 } sgs_model_write_options;
 
 // Defaults: SPZ 3 with RUB axes, KSPLAT level 1, 10 iterations, 4 levels. Cannot fail.

@@ -78,9 +78,6 @@ typedef struct sgs_scene_options {
     double white_point;
     // Do not look for photographs whose camera size the model gives. Requires load_images false.
     bool cameras_only;
-    // With cameras_only: size in pixels, before downscaling, of views without a size in the camera
-    // file or a readable photograph. 0 = such views are skipped.
-    int view_width, view_height;
     // Exact names of held-out views, replacing test_every and test_images, for example as recorded
     // by a run. Names without a view are ignored. NULL = no list; an empty list holds out nothing.
     const char *const *held_out;
@@ -98,6 +95,9 @@ typedef struct sgs_scene_options {
     void *progress_user;
     // With load_images false: measure the white point nevertheless, as described there.
     bool measure_white_point;
+    // With cameras_only: size in pixels, before downscaling, of views without a size in the camera
+    // file or a readable photograph. 0 = such views are skipped.
+    int view_width, view_height;
 } sgs_scene_options;
 
 // All zero, except struct_size and load_images (true).
@@ -204,8 +204,9 @@ SGS_API sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const s
 // most the size of its file: the values of sgs_scene_photo at the size of the view's camera, also
 // for scenes without load_images. Without masks: valid_mask is NULL, all pixels are kept. Neither
 // uses nor changes the image cache, so any thread may call it while a trainer uses the scene.
-// Release with sgs_photo_free. Fails like sgs_scene_photo, and with INVALID_ARGUMENT for an index
-// or size that is out of range and for SGS_SCENE_MEMORY; *photo is then empty.
+// Release with sgs_photo_free. Fails like sgs_scene_photo, with FORMAT for a size above that of
+// the file, and with INVALID_ARGUMENT for an index that is out of range, a size below 1 and
+// SGS_SCENE_MEMORY; *photo is then empty.
 SGS_API sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, int width, int height,
                                         sgs_photo *photo);
 

@@ -3,7 +3,6 @@
 
 #include "formats/color_marks.h"
 
-#include <float.h>
 #include <locale.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,6 +27,11 @@ void sgsi_color_comments_write(FILE *stream, const sgs_model_colors *colors)
     }
 }
 
+double sgsi_white_point_checked(double value)
+{
+    return value > 0.0 && value <= 1e30 ? value : 0.0;
+}
+
 double sgsi_white_point_parse(const char *text)
 {
     char *end;
@@ -36,7 +40,7 @@ double sgsi_white_point_parse(const char *text)
         return 0.0;
     const double value = strtod_l(text, &end, plain);
     freelocale(plain);
-    return end > text && value > 0.0 && value <= DBL_MAX ? value : 0.0;
+    return end > text ? sgsi_white_point_checked(value) : 0.0;
 }
 
 void sgsi_color_comment_parse(const char *key, const char *value, sgs_model_colors *colors)

@@ -20,5 +20,8 @@ void sgsi_color_comment_parse(const char *key, const char *value, sgs_model_colo
 // functions than those of sRGB and linear light; NULL for none.
 void sgsi_color_space_parse(const char *path, const char *name, sgs_model_colors *colors);
 
-// A white point as text, whatever the locale; 0 if it is not a positive number.
+// 0 unless the value is in the range of --white: above 0, at most 1e30.
+double sgsi_white_point_checked(double value);
+
+// A white point as text, whatever the locale; 0 if it is no such number.
 double sgsi_white_point_parse(const char *text);

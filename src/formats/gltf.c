@@ -221,7 +221,7 @@ static void read_colors(glb_file *file, const json_t *primitive, const json_t *s
     const char *name = json_string_value(json_object_get(splatting, "colorSpace"));
     const double white =
         json_number_value(json_object_get(json_object_get(primitive, "extras"), white_point_name));
-    sgs_model_colors own = {.white_point = white > 0.0 ? white : 0.0};
+    sgs_model_colors own = {.white_point = sgsi_white_point_checked(white)};
     if (name)
         sgsi_color_space_parse(file->total || file->quiet ? NULL : file->path, name, &own);
     if (!file->total)

@@ -115,7 +115,7 @@ static void reduce_across(reducer *r, int y, const float *row)
 float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_point)
 {
     if (linear) {
-        value = (float)(value / white_point);
+        value = fmaxf((float)(value / white_point), 0.0f); // outside of the gamut of Rec. 709
         return space == SGS_SPACE_SRGB ? sgs_srgb_encode(value) : value;
     }
     return space == SGS_SPACE_LINEAR ? sgs_srgb_decode(value) : value;

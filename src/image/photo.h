@@ -34,6 +34,7 @@ sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
                            sgsi_photo_report *report);
 
 // Converts a colour value from linear light or its sRGB encoding to the space of photographs.
+// Negative light becomes 0.
 float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_point);
 
 // Applies the alpha channel, if any: see sgs_alpha.

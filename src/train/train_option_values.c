@@ -93,6 +93,9 @@ sgs_status sgs_train_options_check(const sgs_train_options *given)
         if (status)
             return status;
     }
+    const double noise = options->pipeline_options.mcmc_noise;
+    if (noise < 0.0 && noise != -1.0)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "mcmc_noise must be -1 or at least 0");
     const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
     if (options->filter == SGS_FILTER_MIP && pipeline->late_opacity &&
         pipeline->late_opacity(options) == SGSI_LATE_OPACITY_LINEAR)

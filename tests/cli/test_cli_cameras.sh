@@ -49,7 +49,7 @@ for bad in '--frames 3-1' '--frames x' '--frames 1:' '--frames 1-2:0' '--size 10
 done
 run 2 render "$model" "$room" --orbit 3 --view 0009 -o "$temporary/none"
 reports "are mutually exclusive"
-for idle in '--focus 2 aperture' '--fps 24 video' '--deep-max 4 deep' '--deep-tolerance 0.1 deep'; do
+for idle in '--focus 2 aperture' '--deep-max 4 deep' '--deep-tolerance 0.1 deep'; do
     read -r option value needed <<<"$idle"
     run 2 render "$model" "$room" "$option" "$value" -o "$temporary/none"
     reports "$option requires --$needed"
@@ -146,8 +146,10 @@ for name in orbit_00000.exr orbit_00001.deep.exr; do
     check "rate_of $name" bash -c "exrheader '$temporary/rate/$name' | grep -q '^framesPerSecond (type rational): 24000/1001'"
 done
 check no_rate_unasked bash -c "! exrheader '$temporary/level/orbit_00002.exr' | grep -q framesPerSecond"
-run 2 render "$model" "$room" --orbit 2 --fps 24 --save-cameras json -o "$temporary/none"
-reports "--fps requires --video or --save-cameras usda"
+run 0 render "$model" "$room" --orbit 2 --frames 0 --size 32x20 --aov rgba --fps 24 -o "$temporary/rate_of_exr"
+check rate_without_a_video bash -c "exrheader '$temporary/rate_of_exr/orbit_00000.exr' | grep -q '^framesPerSecond (type rational): 24/1'"
+run 2 render "$model" "$room" --orbit 2 --fps 24 --format png --save-cameras json -o "$temporary/none"
+reports "--fps requires --video"
 
 # size_keeps_the_vertical_field_of_view: the centre of a wide image equals the narrow one
 run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary/wide"

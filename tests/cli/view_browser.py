@@ -578,7 +578,7 @@ def reconnects(page):
         page.run("viewer.shown.length = 0")
         process.terminate()
         process.wait(30)
-        expect("the_attempts_are_shown", page.wait("!byId('notice').hidden && byId('notice').textContent.includes('Attempt')")
+        expect("the_attempts_are_shown", page.wait("!byId('notice').hidden && byId('notice').textContent.includes('attempt')")
                is not None, page.run("byId('notice').textContent"))
         started = serve(*arguments, port=port)[0]
         expect("a_picture_appears_again", page.wait("viewer.shown.length > 0", 60) is not None, page.run("viewer.errors"))

@@ -350,6 +350,20 @@ static void exr_primaries_become_rec709(void **state)
                                  value, expected);
                 }
         }
+    // A photograph has no negative light: L1 could not reach it.
+    sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
+    source.file_width = source.width = 4;
+    source.file_height = source.height = 1;
+    put_unit_colors(&folder, "a.exr", false, cases[1].primaries);
+    for (int space = 0; space < 2; ++space) {
+        source.space = (sgs_space)space;
+        sgs_photo photo = load_photo(&source);
+        for (int c = 0; c < 3; ++c)
+            for (int x = 0; x < 3; ++x)
+                assert_true(c == x ? value_at(&photo, c, x, 0) > 1
+                                   : value_at(&photo, c, x, 0) == 0);
+        sgs_photo_free(&photo);
+    }
     // A space with primaries of its own overrides the attribute; "linear" does not.
     float row[16];
     put_unit_colors(&folder, "a.exr", false, cases[1].primaries);

@@ -197,7 +197,7 @@ static int check_values(pruning *p)
     if (!has_scene)
         return refuse_idle(p->line,
                            "images|downscale|eval|test-every|test-images|masks|invert-masks|alpha|"
-                           "image-cache|input-colorspace|filter|compact-box|background",
+                           "image-cache|input-colorspace|filter|compact-box|background|near",
                            "without SCENE");
     return -1;
 }
@@ -210,7 +210,7 @@ static void warn_idle_options(const pruning *p)
         warn_idle(p->line, "masks|invert-masks|alpha|image-cache|input-colorspace|background",
                   "without --finetune: the score reads no photographs");
     if (!p->values->finetune && !needs_views(p->values->method))
-        warn_idle(p->line, "filter|compact-box|eval|test-every|test-images",
+        warn_idle(p->line, "filter|compact-box|near|eval|test-every|test-images",
                   "on a score that renders no views");
 }
 

@@ -69,8 +69,8 @@ static const option render_options[] = {
      .argument = "X",
      .shown = "the camera path's, or 30",
      .unit = "frames per second",
-     .needs = "video|save-cameras=usda",
-     .help = "frame rate of --video and of cameras.usda; EXR files also record it"},
+     .needs = "video|save-cameras=usda|format=exr|deep",
+     .help = "frame rate of --video and of cameras.usda, and which EXR files record"},
     {.name = "view",
      .kind = OPTION_TEXT,
      .offset = AT(view),
@@ -91,8 +91,8 @@ static const option render_options[] = {
      .shown = "none",
      .help =
          "use the cameras of this cameras.json, transforms.json, nerfstudio camera path or COLMAP "
-         "model folder instead of a SCENE; photographs are not needed, --size replaces a missing "
-         "image size"},
+         "model folder instead of a SCENE; photographs are not needed; --size sets the size of "
+         "views without one"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),
@@ -135,8 +135,7 @@ static const option render_options[] = {
      .shown = "json with --orbit or --spiral",
      .needs = "output",
      .help = "also write the cameras to DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD); those "
-             "of all "
-             "frames, whatever --frames"},
+             "of all frames, whatever --frames"},
     {.name = "frames",
      .kind = OPTION_TEXT,
      .offset = AT(frames),

@@ -76,7 +76,7 @@ function connect() {
 // Tries again until the program answers.
 function connectLater() {
   const delay = retryDelay(retries++);
-  notice(`No connection to sparegs. Attempt ${retries} to connect again in ${delay / 1000} s.`);
+  notice(`No connection to sparegs. Reconnecting in ${delay / 1000} s (attempt ${retries}).`);
   setTimeout(connect, delay);
 }
 

@@ -80,8 +80,11 @@ bool pause_watch_expires(pause_watch *watch, int pages, double now)
 // A paused training leaves the cores to the viewer.
 static void set_paused(training_view *view, bool paused, const char *note)
 {
+    pthread_mutex_lock(&view->lock);
     atomic_store(&view->session.artist.share, paused ? 1 : view->share);
-    if (atomic_exchange(&view->paused, paused) != paused)
+    const bool changes = atomic_exchange(&view->paused, paused) != paused;
+    pthread_mutex_unlock(&view->lock);
+    if (changes)
         print_note("%s", note);
 }
 

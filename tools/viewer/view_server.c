@@ -169,11 +169,16 @@ typedef struct photo_job {
     encoded_picture picture;
 } photo_job;
 
+// One at a time: a large photograph takes some hundred MB while it is decoded.
 static bool make_photo(void *context)
 {
+    static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER;
     photo_job *job = context;
-    return photo_picture(job->source->scene, job->index, job->source->drawing.background, job->use,
-                         &job->picture);
+    pthread_mutex_lock(&turn);
+    const bool made = photo_picture(job->source->scene, job->index, job->source->drawing.background,
+                                    job->use, &job->picture);
+    pthread_mutex_unlock(&turn);
+    return made;
 }
 
 // Decodes in another thread: CivetWeb's have small stacks.

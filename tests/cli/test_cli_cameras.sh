@@ -198,7 +198,8 @@ run 0 render "$model" "$room" --view 0009 --aov rgba -o "$temporary/lens"
 run 0 render "$model" --camera "$model/cameras.json" --view 0009.jpg --aov rgba -o "$temporary/lens_again"
 check the_run_keeps_the_lens oiiotool --fail 0.0001 "$temporary/lens/0009.exr" "$temporary/lens_again/0009.exr" --diff
 check it_is_not_a_pinhole bash -c "! jq -e '.[0].camera_model == \"PINHOLE\"' '$model/cameras.json'"
-jq '[.[0] | .camera_model = "OPENCV_FISHEYE" | .params = [.fx / 3, .fy / 3, .cx, .cy, 0.02, -0.01, 0.003, -0.001]]' \
+jq '[.[0] | .camera_model = "OPENCV_FISHEYE" | .fx /= 3 | .fy /= 3 |
+    .params = [.fx, .fy, .cx, .cy, 0.02, -0.01, 0.003, -0.001]]' \
     "$model/cameras.json" >"$temporary/bent.json"
 run 0 render "$model" --camera "$temporary/bent.json" --aov rgba --save-cameras json -o "$temporary/bent"
 check the_lens_is_written test "$(lens "$temporary/bent/cameras.json")" = "OPENCV_FISHEYE 8"
@@ -208,7 +209,7 @@ run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96
 check a_panorama_is_written test "$(lens "$temporary/globe/cameras.json")" = "EQUIRECTANGULAR 4"
 run 0 render "$model" --camera "$temporary/globe/cameras.json" --aov rgba -o "$temporary/globe_again"
 check a_panorama_comes_back oiiotool --fail 0.0001 "$temporary/globe/0009.exr" "$temporary/globe_again/0009.exr" --diff
-for broken in '.camera_model = 5' '.camera_model = "LENS"' '.params = [1]' 'del(.params)' '.params[7] = "x"'; do
+for broken in '.camera_model = 5' '.camera_model = "LENS"' '.params = [1]' 'del(.params)' '.params[7] = "x"' '.fx *= 2'; do
     jq ".[0] |= ($broken)" "$temporary/bent.json" >"$temporary/wrong.json"
     run 1 render "$model" --camera "$temporary/wrong.json" -o "$temporary/none"
     one_line

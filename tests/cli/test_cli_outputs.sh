@@ -153,7 +153,7 @@ done
 check render_and_eval_draw_the_same cmp "$temporary/png/0009.png" "$temporary/saved/0009.png"
 
 # png_depth_has_one_range (a frame and its crop, whose own quantiles differ: equal depths have equal colours)
-jq '[.[8], (.[8] | .width -= 60 | .img_name = "crop.jpg"), (.[20] | .img_name = "other.jpg")]' \
+jq '[.[8], (.[8] | .width -= 60 | .cx -= 30 | .img_name = "crop.jpg"), (.[20] | .img_name = "other.jpg")]' \
     "$model/cameras.json" >"$temporary/crop.json"
 run 0 render "$model" --camera "$temporary/crop.json" --format png --aov depth,depth_first,hits,position --json -o "$temporary/ranges"
 whole=$(jq -r '.[0].img_name | sub("[.][^.]*$"; "")' "$temporary/crop.json")

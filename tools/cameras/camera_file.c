@@ -50,17 +50,25 @@ static const char *read_lens(const json_t *entry, sgs_camera *camera)
     if (!model)
         return NULL;
     const char *name = json_string_value(model);
-    if (name && !strcmp(name, equirectangular))
-        camera->model = SGS_CAMERA_EQUIRECTANGULAR;
-    else if (!name || !sgs_camera_model_from_name(name, &camera->model))
+    sgs_camera_model named = SGS_CAMERA_EQUIRECTANGULAR;
+    if (!name || (strcmp(name, equirectangular) && !sgs_camera_model_from_name(name, &named)))
         return "camera_model must be the name of a camera model of COLMAP, or EQUIRECTANGULAR";
+    const sgs_camera pinhole = *camera;
+    camera->model = named;
     const size_t count = (size_t)sgs_camera_param_count(camera->model);
     memset(camera->params, 0, sizeof camera->params);
-    for (size_t k = 0; k < count; ++k)
-        if (!read_number(json_array_get(params, k), &camera->params[k]))
-            return "params must be the parameters of camera_model";
-    return json_array_size(params) == count ? NULL
-                                            : "params must be the parameters of camera_model";
+    bool complete = json_array_size(params) == count;
+    for (size_t k = 0; k < count && complete; ++k)
+        complete = read_number(json_array_get(params, k), &camera->params[k]);
+    if (!complete)
+        return "params must be the parameters of camera_model";
+    double fx, fy, cx, cy;
+    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    if (!(fabs(fx - pinhole.params[0]) <= 1e-6 * fx && fabs(fy - pinhole.params[1]) <= 1e-6 * fy))
+        return "fx and fy must be those of params";
+    // cx and cy count, so that they can be changed alone.
+    *camera = sgs_camera_shifted(camera, pinhole.params[2] - cx, pinhole.params[3] - cy);
+    return NULL;
 }
 
 // Reads one entry. Returns NULL, or a description of the error.

@@ -79,7 +79,7 @@ for how in --csv --json --quiet; do
     reports "standard output: cannot be written"
 done
 # ranks: messages, balance and speed-up are predicted for the first setting
-run 0 bench sparse-32k --ranks 2,4 --repeat 1 --threads 1,2 --json --quiet
+run 0 bench sparse-32k --ranks 2,4 --repeat 5 --threads 1,2 --json --quiet
 cp "$temporary/stdout" "$result"
 json "$result" '[.benches[] | has("ranks")] == [true, false]'
 json "$result" '.benches[0].ranks | map(.ranks) == [2, 4]'

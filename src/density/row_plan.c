@@ -91,10 +91,11 @@ static void apply_move(const gather_job *job, uint32_t row, size_t place,
     params[SGS_PARAM_OPACITY] = (float)log(opacity / (1.0 - opacity));
     for (int k = 0; k < 3; ++k)
         params[SGS_PARAM_SCALE + k] += moves->log_scale[row];
+    if (!(moves->spread > 0.0))
+        return;
     const uint64_t seed =
         sgsi_random_bits(job->options->seed ^ SPREAD_TAG, (uint64_t)job->options->iteration);
-    if (moves->spread > 0.0)
-        move_in_covariance(params, moves->spread, seed, 4 * (uint64_t)place);
+    move_in_covariance(params, moves->spread, seed, 4 * (uint64_t)place);
 }
 
 // Old row whose values an entry of the plan begins with.

@@ -450,16 +450,26 @@ static sgs_status read_chunks(glb_file *file)
                                   error.line, error.text);
 }
 
+// Reads the file and counts its primitives. Close it also after a failure.
+static sgs_status open_file(glb_file *file)
+{
+    sgs_status status = sgsi_file_read(file->path, 0, &file->bytes, &file->size);
+    if (!status)
+        status = read_chunks(file);
+    return status ? status : visit_scene(file);
+}
+
+static void close_file(glb_file *file)
+{
+    json_decref(file->root);
+    sgsi_free(file->bytes);
+}
+
 sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options,
                          sgs_gaussians **model, sgs_model_info *info)
 {
     glb_file file = {.path = path};
-    sgs_status status = sgsi_file_read(path, 0, &file.bytes, &file.size);
-    if (status)
-        return status;
-    status = read_chunks(&file);
-    if (!status)
-        status = visit_scene(&file);
+    sgs_status status = open_file(&file);
     if (!status && !file.total)
         status = sgsi_fail(SGS_STATUS_FORMAT, "%s: contains no primitive with %s", path, extension);
     if (!status)
@@ -470,8 +480,7 @@ sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options
         status = visit_scene(&file);
     info->dropped = file.rows.dropped;
     info->colors = file.colors;
-    json_decref(file.root);
-    sgsi_free(file.bytes);
+    close_file(&file);
     if (status) {
         sgsi_rows_abort(&file.rows);
         return status;
@@ -482,16 +491,10 @@ sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options
 sgs_status sgsi_glb_read_colors(const char *path, sgs_model_colors *colors)
 {
     glb_file file = {.path = path, .quiet = true};
-    sgs_status status = sgsi_file_read(path, 0, &file.bytes, &file.size);
-    if (status)
-        return status;
-    status = read_chunks(&file);
-    if (!status)
-        status = visit_scene(&file);
+    const sgs_status status = open_file(&file);
     if (!status)
         *colors = file.colors;
-    json_decref(file.root);
-    sgsi_free(file.bytes);
+    close_file(&file);
     return status;
 }
 

@@ -44,14 +44,14 @@ static bool is_rotation(const double r[9])
 // pinhole. Returns NULL, or a description of the error.
 static const char *read_lens(const json_t *entry, sgs_camera *camera)
 {
-    static const char equirectangular[] = "EQUIRECTANGULAR"; // not a model of COLMAP
     const json_t *model = json_object_get(entry, "camera_model"),
                  *params = json_object_get(entry, "params");
     if (!model)
         return NULL;
     const char *name = json_string_value(model);
-    sgs_camera_model named = SGS_CAMERA_EQUIRECTANGULAR;
-    if (!name || (strcmp(name, equirectangular) && !sgs_camera_model_from_name(name, &named)))
+    sgs_camera_model named = SGS_CAMERA_EQUIRECTANGULAR; // not a model of COLMAP
+    if (!name ||
+        (strcmp(name, sgs_camera_model_name(named)) && !sgs_camera_model_from_name(name, &named)))
         return "camera_model must be the name of a camera model of COLMAP, or EQUIRECTANGULAR";
     const sgs_camera pinhole = *camera;
     camera->model = named;

@@ -27,6 +27,9 @@ run() {
 # is_sanitized [address|thread]: the program is built with a sanitizer: it is slow and uses more memory.
 is_sanitized() { grep -qE "^SPAREGS_SANITIZE:[A-Z]*=${1:-.}" "$SPAREGS_BUILD/CMakeCache.txt"; }
 
+# is_long: the test is run by test_cli_parts_long, with the parts that are too slow for every run.
+is_long() { [ -n "${SPAREGS_LONG:-}" ]; }
+
 # find_mpirun: sets launcher to mpirun with its options; without it or a plug-in the test is skipped.
 find_mpirun() {
     if ! command -v mpirun >/dev/null || ! ls "$SPAREGS_BUILD"/ranks-*.so >/dev/null 2>&1; then

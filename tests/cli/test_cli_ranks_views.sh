@@ -51,7 +51,9 @@ export PATH=$temporary/bin:$PATH
 path=("$model" "$room" --orbit 5 --size 60x34)
 run 0 render "${path[@]}" --video "$temporary/one.mp4"
 check five_frames test "$(stat -c %s "$temporary/one.mp4")" = $((5 * 60 * 34 * 3))
-for count in 2 3 7; do
+counts=(2 3)
+if is_long; then counts+=(7); fi
+for count in "${counts[@]}"; do
     ranks 0 "$count" render "${path[@]}" --video "$temporary/ranks$count.mp4"
     check the_same_frames cmp "$temporary/one.mp4" "$temporary/ranks$count.mp4"
     check one_path test "$(cat "$temporary/stdout")" = "$temporary/ranks$count.mp4"
@@ -60,7 +62,7 @@ for count in 2 3 7; do
 done
 ranks 0 3 render "$model" "$room" --orbit 1 --size 60x34 --video "$temporary/frame.mp4" --threads 1
 check a_single_frame test "$(stat -c %s "$temporary/frame.mp4")" = $((60 * 34 * 3))
-if command -v mpirun.mpich >/dev/null && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
+if is_long && command -v mpirun.mpich >/dev/null && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
     openmpi=("${launcher[@]}")
     launcher=(mpirun.mpich)
     ranks 0 3 render "${path[@]}" --video "$temporary/mpich.mp4"
@@ -154,6 +156,8 @@ differs() {
     check nothing_is_written test -z "$(find "$temporary" -path "$temporary/refused*" -type f)"
     on_all_ranks
 }
+# differs_too ARGUMENT...: as differs, in test_cli_parts_long only.
+differs_too() { ! is_long || differs "$@"; }
 other=$temporary/other
 run 0 train "$room" -o "$other" --downscale 4 --eval --iterations 20 --threads 1 --quiet
 cp -r "$room" "$temporary/scene"
@@ -169,30 +173,30 @@ differs "set -- eval $other \"\${@:3}\"" "model is " eval "$model" "$room"
 run 0 train "$room" -o "$temporary/exposed" --downscale 4 --eval --iterations 20 --threads 1 --exposure --quiet
 cp -r "$temporary/exposed" "$temporary/unexposed"
 rm "$temporary/unexposed/exposure.json"
-differs "set -- eval $temporary/unexposed \"\${@:3}\"" "has 'exposure: none', but rank 0 has 'exposure." eval "$temporary/exposed" "$room"
+differs_too "set -- eval $temporary/unexposed \"\${@:3}\"" "has 'exposure: none', but rank 0 has 'exposure." eval "$temporary/exposed" "$room"
 differs "set -- eval $model $temporary/scene \"\${@:4}\"" "photograph $held_out is " eval "$model" "$room"
 # Other training images, but the held-out images of the run: one less, or another one is missing.
 for missing in 0002 0010; do
     cp -r "$room" "$temporary/without$missing"
     rm "$temporary/without$missing/images/$missing.jpg"
 done
-differs "set -- eval $model $temporary/without0002 \"\${@:4}\"" "number of images is 34, but 35 on rank 0" eval "$model" "$room"
+differs_too "set -- eval $model $temporary/without0002 \"\${@:4}\"" "number of images is 34, but 35 on rank 0" eval "$model" "$room"
 on_rank 1 "set -- eval $model $temporary/without0002 \"\${@:4}\""
 ranks 1 2 eval "$model" "$temporary/without0010" --quiet
 reports "index of 0009.jpg is 7, but 8 on rank 0"
 check nothing_is_printed test ! -s "$temporary/stdout"
-differs "set -- \"\$@\" --split all" "--split is all, but test on rank 0" eval "$model" "$room"
-differs "set -- \"\$@\" --isa baseline --compact-box 0.5" " on rank 0" eval "$model" "$room"
-differs "set -- render $other \"\${@:3}\"" "model is " render "$model" "$room" -o "$temporary/refused"
-differs "set -- render $temporary/missing \"\${@:3}\"" "missing: no such model" render "$model" "$room" -o "$temporary/refused"
+differs_too "set -- \"\$@\" --split all" "--split is all, but test on rank 0" eval "$model" "$room"
+differs_too "set -- \"\$@\" --isa baseline --compact-box 0.5" " on rank 0" eval "$model" "$room"
+differs_too "set -- render $other \"\${@:3}\"" "model is " render "$model" "$room" -o "$temporary/refused"
+differs_too "set -- render $temporary/missing \"\${@:3}\"" "missing: no such model" render "$model" "$room" -o "$temporary/refused"
 differs "set -- render $model $temporary/missing \"\${@:4}\"" "missing: no such folder" render "$model" "$room" -o "$temporary/refused"
-differs "set -- \"\$@\" --background 1,0,0.5" "--background is 1,0,0.5, but 0,0,0 on rank 0" render "$model" "$room" -o "$temporary/refused" --format png
-differs "set -- \"\$@\" --aov depth,normal" "--aov is depth,normal, but rgba on rank 0" render "$model" "$room" -o "$temporary/refused" --aov rgba
-differs "set -- \"\$@\" --size 64x34" "--size is 64x34, but 60x34 on rank 0" render "${path[@]}" --video "$temporary/refused.mp4"
+differs_too "set -- \"\$@\" --background 1,0,0.5" "--background is 1,0,0.5, but 0,0,0 on rank 0" render "$model" "$room" -o "$temporary/refused" --format png
+differs_too "set -- \"\$@\" --aov depth,normal" "--aov is depth,normal, but rgba on rank 0" render "$model" "$room" -o "$temporary/refused" --aov rgba
+differs_too "set -- \"\$@\" --size 64x34" "--size is 64x34, but 60x34 on rank 0" render "${path[@]}" --video "$temporary/refused.mp4"
 differs "set -- \"\$@\" --orbit 6" "--orbit is 6, but 5 on rank 0" render "${path[@]}" --video "$temporary/refused.mp4"
-differs "set -- experiment $temporary/plan11.json \"\${@:3}\"" "seed_0, plan.options.iterations is 11, but 10 on rank 0" \
+differs_too "set -- experiment $temporary/plan11.json \"\${@:3}\"" "seed_0, plan.options.iterations is 11, but 10 on rank 0" \
     experiment "$temporary/plan10.json" -o "$temporary/refused"
-differs "set -- experiment $temporary/missing.json \"\${@:3}\"" "missing.json" experiment "$temporary/plan10.json" -o "$temporary/refused"
+differs_too "set -- experiment $temporary/missing.json \"\${@:3}\"" "missing.json" experiment "$temporary/plan10.json" -o "$temporary/refused"
 on_rank 1 'set -- "$@" --threads 1 --quiet' # no result depends on these
 ranks 0 2 eval "$model" "$room"
 check five_images test "$(wc -l <"$temporary/stdout")" -gt 3
@@ -248,7 +252,9 @@ on_rank 1 '(until (($(sed -n "s/SigCgt:\t*/0x/p" /proc/$$/status) >> 14 & 1)); d
 ranks 143 3 eval "$model" "$room" --split all --threads 1 --quiet
 check no_empty_message bash -c "! grep -qE '^sparegs: .*: *$' '$temporary/stderr'"
 on_all_ranks
-for number in 0 2; do
+signalled=(2)
+if is_long; then signalled+=(0); fi
+for number in "${signalled[@]}"; do
     stop $number "$temporary/.stopped.*.mp4" render "$model" "$room" --orbit 5000 --size 168x96 --video "$temporary/stopped.mp4"
     reports "stopped.mp4: stopped; no video was written"
     check one_note test "$(grep -c 'no video was written' "$temporary/stderr")" = 1

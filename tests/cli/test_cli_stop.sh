@@ -50,7 +50,7 @@ json "$out/summary.json" '.stop_reason == "signal"'
 # iteration, at a change of the image size, and for the scores of an update)
 scene=$temporary/scene
 cp -r "$room" "$scene"
-iterations=900 # the photographs are gone long before the end
+iterations=400 # the photographs are gone long before the end
 if is_sanitized; then iterations=300; fi
 for pipeline in 3dgs dash fastgs; do
     vanishing=("$scene" -o "$out" --downscale 8 --threads 2 --iterations $iterations --pipeline "$pipeline" --spare off --checkpoint-every 0

@@ -150,7 +150,7 @@ last_command=$served
 page progressive
 page many
 page never_reads
-if [ -n "${SPAREGS_WAIT:-}" ]; then # test_view_waits_long
+if is_long; then
     page frames
     page idle
     page stalled 9 # seconds; the limit is 5, rounded up to even seconds

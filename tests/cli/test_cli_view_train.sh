@@ -44,8 +44,8 @@ page() {
     check "client: $*" test "$status" -eq 0 -a "$(grep -c '^FAIL' "$temporary/page")" -eq 0
 }
 
-# a_pause_outlives_its_page_by_a_minute (test_view_waits_long): checked at the end.
-if [ -n "${SPAREGS_WAIT:-}" ]; then
+# a_pause_outlives_its_page_by_a_minute (test_cli_parts_long): checked at the end.
+if is_long; then
     small=("$room" --downscale 4) # without --quiet: notes
     start idle --iterations 100000 --threads 1
     mv "$temporary/stderr" "$temporary/idle.err"
@@ -109,7 +109,7 @@ ends 143
 wait "$first"
 check the_result_is_json jq -e .model_hash "$temporary/stopped.out"
 
-if [ -n "${SPAREGS_WAIT:-}" ]; then # the pause from above
+if is_long; then # the pause from above
     training=$idle
     last_command="sparegs train, paused"
     before=$(tail -1 "$temporary/idle/train.csv" | cut -d, -f1)

@@ -24,6 +24,12 @@
 #include "sparegs/trainer.h"
 #include "support/trainer_support.h"
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { SANITIZED = 1 }; // slow
+#else
+enum { SANITIZED = 0 };
+#endif
+
 static sgs_scene *scene;
 static temp_folder folder;
 static char warning[1024];
@@ -80,7 +86,7 @@ static void digest(const sgs_trainer *trainer, char hex[17])
 static void every_stop_point_resumes_to_the_same_bits(void **state)
 {
     (void)state;
-    enum { LENGTH = 120, STOPS = 20 };
+    enum { LENGTH = 120, STOPS = SANITIZED ? 7 : 20 };
     sgs_train_options options = short_run(LENGTH);
     options.spare = SGS_SPARE_ALL;
     options.spare_patience = 1000; // checks without ending the run
@@ -463,16 +469,16 @@ static void file_size_and_count_are_reported(void **state)
 static void an_equilibrium_is_final_until_its_options_change(void **state)
 {
     (void)state;
-    sgs_train_options options = short_run(400);
+    sgs_train_options options = short_run(200);
     options.spare_eps_loss = options.spare_eps_count = 1;
-    options.spare_interval = 300; // 4 iterations of this run
+    options.spare_interval = 600; // 4 iterations of this run
     sgs_trainer *trainer = trainer_create(scene, &options);
     sgs_step_info info = {0};
     while (!info.stop)
         assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
     assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
     const int ended = info.iteration;
-    assert_true(ended < 400);
+    assert_true(ended < 200);
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "still")),
                      SGS_STATUS_OK);
     sgs_trainer_destroy(trainer);
@@ -491,8 +497,8 @@ static void an_equilibrium_is_final_until_its_options_change(void **state)
         assert_int_equal(sgs_trainer_step(trainer, &info), k ? SGS_STATUS_OK : SGS_STATUS_LIMIT);
         assert_int_equal(*sgs_trainer_stop_text(trainer) != 0, k == 0);
         if (k == 1) {
-            trainer_run(trainer, 399 - ended);
-            assert_int_equal(sgs_trainer_iteration(trainer), 400);
+            trainer_run(trainer, 199 - ended);
+            assert_int_equal(sgs_trainer_iteration(trainer), 200);
         }
         sgs_trainer_destroy(trainer);
     }

@@ -39,7 +39,7 @@ static const sgs_train_option table[] = {
      .values = "scaled|paper|finetune",
      .help = "scaled: the 30000-iteration schedule scaled to N iterations; paper: the unscaled "
              "schedule, stopped at N; finetune: for a trained initial model, no densification, "
-             "pruning or opacity resets, position rate at its end",
+             "pruning or opacity resets, final learning rate of the positions",
      .group = training,
      ALL_PIPELINES},
     {.name = "batch",
@@ -50,8 +50,8 @@ static const sgs_train_option table[] = {
      .high = 1024,
      .values = "B",
      .unit = "views",
-     .help = "views per optimiser step: mean gradient, rates times the square root of B "
-             "(Grendel-GS); fewer steps, another result. Iterations count views",
+     .help = "views per optimiser step: mean gradient, learning rates times the square root of B "
+             "(Grendel-GS); the result depends on B. Iterations count views",
      .group = training,
      ALL_PIPELINES},
     {.name = "pipeline",
@@ -75,8 +75,8 @@ static const sgs_train_option table[] = {
      FIELD(optimizer),
      .initial = SGS_OPTIMIZER_AUTO,
      .values = "sparse|dense|auto",
-     .help = "Adam over the primitives visible in the iteration, or over all; auto: dense for mcmc "
-             "from 2000 iterations and with the schedule paper, else sparse",
+     .help = "Adam over the primitives visible in the iteration, or over all; auto: sparse, except "
+             "for mcmc with 2000 iterations or more, or with the schedule paper",
      .group = training,
      ALL_PIPELINES},
     {.name = "sh_degree",
@@ -138,9 +138,10 @@ static const sgs_train_option table[] = {
      FIELD(region),
      .values = "BOX|PLAN:K",
      .initial_text = "none",
-     .help = "train the primitives of the initial model with centres in this box only (x0,y0,z0,"
-             "x1,y1,z1; -inf and inf are allowed), or block K of a plan written by 'sparegs "
-             "split', with the images of the block; the others are drawn, but not changed",
+     .help =
+         "train the primitives of the initial model with centres in this box only "
+         "(x0,y0,z0,x1,y1,z1; -inf and inf are allowed), or block K of a plan written by 'sparegs "
+         "split', with the images of the block; the others are rendered, but not changed",
      .group = training,
      ALL_PIPELINES},
     {.name = "ssim_weight",
@@ -151,7 +152,7 @@ static const sgs_train_option table[] = {
      .high = 1,
      .values = "W",
      .initial_text = "-1 = 0.2; 3dgs, mip, fastgs: up to 0.4 in short runs on large photos",
-     .help = "weight of 1 - SSIM in the loss; the rest is L1",
+     .help = "weight of 1 - SSIM in the loss; the remaining weight is that of L1",
      .group = training,
      ALL_PIPELINES},
     {.name = "ssim_sigma",
@@ -160,7 +161,7 @@ static const sgs_train_option table[] = {
      .high = 3,
      .values = "S",
      .initial_text = "0 = 1.5; 3dgs, mip, fastgs: down to 1 in short runs on large photos",
-     .help = "standard deviation of the window of SSIM in the loss, pixels",
+     .help = "standard deviation of the SSIM window in the loss, in pixels",
      .group = training,
      ALL_PIPELINES},
     {.name = "alpha_loss",
@@ -280,8 +281,8 @@ static const sgs_train_option table[] = {
      .high = 1e12,
      .values = "X",
      .unit = "x position learning rate",
-     .initial_text = "-1 = 500000; scaled runs below 30000 iterations less and 0 up to 7000, where "
-                     "the parts of a divided primitive are spread instead",
+     .initial_text = "-1 = 500000; less in scaled runs below 30000 iterations, and 0 up to 7000, "
+                     "where the parts of a divided primitive are spread instead",
      .help = "MCMC: noise on the positions of faint primitives",
      .group = base_pipelines,
      ONLY(MCMC)},

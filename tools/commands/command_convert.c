@@ -24,13 +24,13 @@
 
 static const char description[] =
     "Converts a model: reads IN (a file of a known format, a SOG folder or a run folder: its "
-    "latest "
-    "iteration) and writes OUT in the format of its name: .ply, .compressed.ply, .splat, .spz, "
-    ".ksplat, .glb, .sog, FOLDER/meta.json (SOG in files), FOLDER/lod-meta.json (SOG with levels "
-    "of detail), .usda (OpenUSD) or .html (a page that shows the model offline).\n"
-    "Filters use the axes of IN as a 3DGS PLY has them and run first; then the model is scaled, "
-    "rotated about x, y and z, and translated. SCENE, the data set of the model, adds its cameras "
-    "to .usda and .html, serves --filter-unseen, and ranks the primitives for lod-meta.json.";
+    "latest iteration) and writes OUT in the format of its name: .ply, .compressed.ply, .splat, "
+    ".spz, .ksplat, .glb, .sog, FOLDER/meta.json (SOG in files), FOLDER/lod-meta.json (SOG with "
+    "levels of detail), .usda (OpenUSD) or .html (a page that shows the model offline).\nFilters "
+    "run first and use the axes of a 3DGS PLY, whatever the format of IN; then the model is "
+    "scaled, rotated about x, y and z, and translated. SCENE is the data set of the model: its "
+    "cameras are added to .usda and .html, --filter-unseen requires it, and its views rank the "
+    "primitives for lod-meta.json.";
 
 enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
 enum { ANTIALIASED_AUTO, ANTIALIASED_ON }; // words of --antialiased
@@ -67,9 +67,10 @@ static const option convert_options[] = {
      .offset = offsetof(convert_values, conditions),
      .argument = "NAME,CMP,V[,...]",
      .shown = "none",
-     .help = "keep primitives whose property compares so; CMP is lt, lte, gt, gte, eq or neq. "
-             "opacity is 0 to 1, scale_0 to 2 in world units, f_dc_0 to 2 a colour; with _raw they "
-             "are as stored. Several conditions may follow each other"},
+     .help = "keep primitives whose property satisfies the comparison; CMP is lt, lte, gt, gte, eq "
+             "or neq. opacity is 0 to 1, scale_0 to scale_2 are in world units, f_dc_0 to f_dc_2 "
+             "are a colour; with the suffix _raw, stored values are compared. Several conditions "
+             "are separated by commas"},
     {.name = "filter-opacity",
      .kind = OPTION_REAL,
      .offset = offsetof(convert_values, opacity),
@@ -130,7 +131,7 @@ static const option convert_options[] = {
      .argument = "x,y,z",
      .shown = "none",
      .unit = "degrees",
-     .help = "rotate about the x axis, then y, then z; SH too"},
+     .help = "rotate about the x axis, then y, then z, in degrees; SH too"},
     {.name = "translate",
      .kind = OPTION_TEXT,
      .offset = offsetof(convert_values, translate),

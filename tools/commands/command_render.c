@@ -70,7 +70,7 @@ static const option render_options[] = {
      .shown = "the camera path's, or 30",
      .unit = "frames per second",
      .needs = "video|save-cameras=usda|format=exr|deep",
-     .help = "frame rate of --video and of cameras.usda, and which EXR files record"},
+     .help = "frame rate of --video and of cameras.usda, also recorded in EXR files"},
     {.name = "view",
      .kind = OPTION_TEXT,
      .offset = AT(view),
@@ -89,10 +89,9 @@ static const option render_options[] = {
      .offset = AT(camera),
      .argument = "FILE",
      .shown = "none",
-     .help =
-         "use the cameras of this cameras.json, transforms.json, nerfstudio camera path or COLMAP "
-         "model folder instead of a SCENE; photographs are not needed; --size sets the size of "
-         "views without one"},
+     .help = "use the cameras of this cameras.json, transforms.json, nerfstudio camera path or "
+             "COLMAP model folder instead of a SCENE; photographs are not required; --size sets "
+             "the size of views without one"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),
@@ -134,8 +133,8 @@ static const option render_options[] = {
      .argument = "json,chan,usda",
      .shown = "json with --orbit or --spiral",
      .needs = "output",
-     .help = "also write the cameras to DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD); those "
-             "of all frames, whatever --frames"},
+     .help = "also write the cameras to DIR/cameras.json, .chan (Nuke) or .usda (OpenUSD), for all "
+             "frames regardless of --frames"},
     {.name = "frames",
      .kind = OPTION_TEXT,
      .offset = AT(frames),
@@ -253,7 +252,7 @@ static const option render_options[] = {
      .initial = "32",
      .unit = "samples",
      .needs = "deep",
-     .help = "maximum per pixel; the tolerance grows where it is exceeded"},
+     .help = "maximum number of samples per pixel; the tolerance grows where it is exceeded"},
     {.name = "reference",
      .kind = OPTION_FLAG,
      .offset = AT(reference),

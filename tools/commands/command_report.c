@@ -55,7 +55,8 @@ static const option report_options[] = {
      .argument = "N",
      .initial = "4",
      .unit = "runs",
-     .help = "number of runs with a render of the first held-out view; their scenes must exist"},
+     .help =
+         "number of runs shown with a render of the first held-out view; their scenes must exist"},
     {.name = "maps",
      .kind = OPTION_INTEGER,
      .offset = offsetof(report_values, maps),
@@ -64,7 +65,7 @@ static const option report_options[] = {
      .argument = "N",
      .initial = "4",
      .unit = "runs",
-     .help = "number of runs with SPARE-GS with region maps, about 200 KB each"},
+     .help = "number of runs with SPARE-GS that are shown with region maps, about 200 KB each"},
 };
 
 // ---- Tables of a run ----

@@ -17,8 +17,8 @@
 
 static const char description[] =
     "Shows MODEL (a model file, or a run folder: its latest iteration) in the browser, rendered by "
-    "the tracer. Prints the address to open and serves until SIGINT or SIGTERM. With SCENE its "
-    "photographs can be shown next to the renders; a run folder provides the cameras also without "
+    "the tracer. Prints the address to open and serves until SIGINT or SIGTERM. With SCENE, its "
+    "photographs can be shown next to the renders. A run folder provides its cameras, even without "
     "SCENE, and the curves of its training.";
 
 typedef struct view_values {
@@ -47,9 +47,9 @@ static const option view_options_table[] = {
      .offset = offsetof(view_values, token),
      .argument = "T",
      .shown = "SPAREGS_TOKEN, else random; none for 127.0.0.0/8",
-     .help = "require this token: random, or 8 to 128 letters, digits, '-' or '_', which other "
-             "users of the machine can read on the command line, but not in the environment "
-             "variable SPAREGS_TOKEN"},
+     .help = "require this token: random, or 8 to 128 letters, digits, '-' or '_'. Other users of "
+             "the machine can read it on the command line, but not in the environment variable "
+             "SPAREGS_TOKEN"},
     {.name = "export",
      .kind = OPTION_TEXT,
      .offset = offsetof(view_values, export),

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The program `sparegs`: dispatches to the command. Exit status: 0 success; 1 failure; 2 usage
-// error; 130 or 143 stopped by SIGINT or SIGTERM after saving.
+// error; 129, 130 or 143 stopped by SIGHUP, SIGINT or SIGTERM after saving.
 
 #include <fcntl.h>
 #include <stdio.h>

@@ -47,8 +47,10 @@ SGS_API const sgs_aov *sgs_aov_descriptors(size_t *count);
 // The row of a name, or NULL.
 SGS_API const sgs_aov *sgs_aov_find(const char *name);
 
-// Plane `channel` of the frame, float or uint32_t as the type requires; NULL if the frame lacks it.
+// Plane `channel` (0 to aov->channels - 1, not checked) of the frame, float or uint32_t as the type
+// requires; NULL if the frame lacks it. Owned by the frame. Cannot fail.
 SGS_API void *sgs_aov_plane(const sgs_aov *aov, const sgs_frame *frame, int channel);
+// The same for a frame of the reference, whose planes are double.
 SGS_API double *sgs_aov_reference_plane(const sgs_aov *aov, const sgs_reference_frame *frame,
                                         int channel);
 

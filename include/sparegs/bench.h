@@ -41,7 +41,7 @@ SGS_API const char *sgs_bench_scene_text(size_t index);
 SGS_API bool sgs_bench_scene_by_name_only(size_t index);
 
 // Creates the scene of that name, the same on all machines and for any number of threads. Fails
-// with INVALID_ARGUMENT for an unknown name. On failure *scene is NULL.
+// with INVALID_ARGUMENT for an unknown name, or with OUT_OF_MEMORY; *scene is then NULL.
 SGS_API sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_scene **scene);
 SGS_API void sgs_bench_scene_destroy(sgs_bench_scene *scene); // accepts NULL
 
@@ -86,20 +86,23 @@ typedef struct sgs_bench_counts {
 typedef struct sgs_bench sgs_bench;
 
 // Copies the model and the cameras and poses of the views (1 to 16). Images are not required: the
-// photographs are renders with noise. Renders and trains every view once to warm up. On failure
-// *bench is NULL.
+// photographs are renders with noise. Renders and trains every view once to warm up. Fails with
+// INVALID_ARGUMENT (number of views, empty model), or as sgs_renderer_render, sgs_trainer_create
+// and sgs_trainer_step do; *bench is then NULL.
 SGS_API sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views,
                                     size_t view_count, sgs_bench **bench);
 SGS_API void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
 
 // One repetition with the current settings (sgs_threads_set, sgs_isa_set): a build, then an
-// iteration per view.
+// iteration per view. *sample is overwritten. Fails as sgs_trainer_step.
 SGS_API sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample);
+// Counts of the last repetition. Cannot fail.
 SGS_API sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench);
 
-// The steps of a repetition, for measurements in between. _build builds the BVH. _step runs an
-// iteration of the next view and adds its times to *sample; as many steps as views visit each view
-// once. _restore restores the model, so that the next step does the same work.
+// The steps of a repetition, for measurements in between. _build builds the BVH and sets
+// sample->build. _step runs an iteration of the next view and adds its times to *sample; as many
+// steps as views visit each view once. Both fail as sgs_trainer_step. _restore restores the model,
+// so that the next step does the same work; it cannot fail.
 SGS_API sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample);
 SGS_API sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample);
 SGS_API void sgs_bench_restore(sgs_bench *bench);
@@ -126,22 +129,22 @@ SGS_API double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double
 
 // ---- Several machines ----
 
-// A call of an iteration on several ranks: sums over the ranks, and those of the rank with the
-// most. Means over the views.
+// Collective calls of one purpose in an iteration on several ranks: totals over the ranks, and the
+// largest values of a single rank. Means over the views.
 typedef struct sgs_rank_call {
     double calls, messages, bytes; // sent by all ranks; calls: of each rank
-    double most_messages;          // sent by a rank
-    double most_bytes;             // sent or received by a rank, whichever is more
+    double most_messages;          // sent by one rank
+    double most_bytes;             // sent or received by one rank, whichever is more
 } sgs_rank_call;
 
 typedef struct sgs_rank_prediction {
     int ranks;
     sgs_rank_call calls[SGS_RANKS_PURPOSE_COUNT];
     double balance;    // mean work of a rank divided by the largest, from 1 / ranks to 1
-    double primitives; // largest number of records of a rank
+    double primitives; // largest number of projected records on one rank
     double traced;     // primitives in view, whose records are sent
     double hit;        // primitives with a hit, whose gradients are sent
-    double build;      // measured: seconds to build such a BVH over all primitives
+    double build;      // measured: seconds to build a BVH of the ranks' quality over all primitives
 } sgs_rank_prediction;
 
 // Predicts the messages of ranks[i] ranks (2 to 1024) into predictions[count], from the lists of an

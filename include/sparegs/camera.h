@@ -3,7 +3,8 @@
 #pragma once
 
 // Central cameras as in COLMAP: intrinsics with distortion, projection to pixels and its inverse.
-// Pure functions in double precision, without images or files.
+// Pure functions in double precision, without images or files. Camera axes: x right, y down, z
+// forward. Pixel coordinates: origin at the upper left corner of the image, pixel centres at .5.
 //
 // Threads: all functions may be called from any thread at any time.
 
@@ -49,18 +50,19 @@ typedef struct sgs_pose {
 // Number of parameters of a model, 0 for an unknown id.
 SGS_API int sgs_camera_param_count(sgs_camera_model model);
 
-// COLMAP's name of a model ("OPENCV"), NULL for an unknown id.
+// COLMAP's name of a model ("OPENCV"), or "EQUIRECTANGULAR"; NULL for an unknown id.
 SGS_API const char *sgs_camera_model_name(sgs_camera_model model);
 
-// Finds a model by COLMAP's name. Returns false if there is none.
+// Finds a model by COLMAP's name. Returns false for any other name, also for "EQUIRECTANGULAR";
+// *model is then unchanged.
 SGS_API bool sgs_camera_model_from_name(const char *name, sgs_camera_model *model);
 
 // True for the models whose distortion acts on the angle from the axis (rays beyond 90 degrees may
 // exist).
 SGS_API bool sgs_camera_is_fisheye(sgs_camera_model model);
 
-// Checks sizes in [1, 65536], finite parameters and positive focal lengths. On failure
-// sgs_last_error() gives the reason, without a file name.
+// Checks sizes in [1, 65536], finite parameters, positive focal lengths and |omega| < pi of the FOV
+// model. Fails with FORMAT; sgs_last_error() gives the reason, without a file name.
 SGS_API sgs_status sgs_camera_validate(const sgs_camera *camera);
 
 // True if both cameras have the same model, size and parameters.
@@ -71,7 +73,7 @@ SGS_API void sgs_camera_intrinsics(const sgs_camera *camera, double *fx, double 
                                    double *cy);
 
 // The same lens for an image of another size: focal lengths and principal point scale per axis. A
-// model with one focal length becomes the one with two if the axes scale differently.
+// model with one focal length becomes the one with two if the axes scale differently. Cannot fail.
 SGS_API sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int height);
 
 // The same lens for an image of another size with the same vertical field of view: focal lengths
@@ -80,6 +82,7 @@ SGS_API sgs_camera sgs_camera_resized(const sgs_camera *camera, int width, int h
 SGS_API sgs_camera sgs_camera_reframed(const sgs_camera *camera, int width, int height);
 
 // The same lens with the principal point, and therefore the image, shifted by (dx, dy) pixels.
+// Cannot fail.
 SGS_API sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, double dy);
 
 // All directions in one image: longitude from -180 to 180 degrees from left to right, latitude from
@@ -103,7 +106,7 @@ SGS_API void sgs_pose_center(const sgs_pose *pose, double center[3]);
 SGS_API sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3],
                                             sgs_pose *pose);
 
-// Quaternion (w,x,y,z), unit, w >= 0, of a pose's rotation.
+// Quaternion (w,x,y,z), unit, w >= 0, of a pose's rotation. Cannot fail.
 SGS_API void sgs_pose_quaternion(const sgs_pose *pose, double qvec[4]);
 
 #ifdef __cplusplus

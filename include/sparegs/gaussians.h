@@ -91,7 +91,8 @@ SGS_API float sgs_gaussians_opacity_logit(const sgs_gaussians *model, size_t i);
 // Converts the logits of all rows to opacities and sets linear_opacity; no effect if it is set.
 // Cannot fail.
 SGS_API void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
-// Sets linear_opacity if rows [0, count) hold opacities already. Cannot fail.
+// Declares that rows [0, count) already hold opacities: sets linear_opacity and makes the rows
+// after them inert. Cannot fail.
 SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
 // Initial model of 3DGS for a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to

@@ -69,16 +69,18 @@ static inline bool sgs_mask_is_valid(const uint16_t *valid_mask, int width, int 
            (valid_mask[(size_t)y * sgs_mask_words(width) + (size_t)x / 16] >> x % 16 & 1);
 }
 
-// Reads a photograph as 3 or 4 planes of 8 bits (grey becomes RGB, 16 bits are rounded). On failure
-// image->pixels is NULL and the error names the file.
+// Reads a photograph as 3 or 4 planes of 8 bits (grey becomes RGB, 16 bits are rounded). Release it
+// with sgs_image8_free. Fails with IO, FORMAT (not an image, truncated), UNSUPPORTED, LIMIT (size),
+// OUT_OF_MEMORY or INTERNAL (OpenImageIO); image->pixels is then NULL and the error names the file.
 SGS_API sgs_status sgs_image8_read(const char *path, sgs_image8 *image);
 
-// Width and height from the file's header only.
+// Width and height from the file's header only. Fails as sgs_image8_read.
 SGS_API sgs_status sgs_image8_probe(const char *path, int *width, int *height);
 
-// Area-averaging by an integer factor: out size = max(1, size / factor) (floor); each output pixel
-// is the exact area average of its source rectangle of width/out_width by height/out_height source
-// pixels.
+// Reduces an image to out_width x out_height pixels: each output pixel is the exact area average of
+// its source rectangle of width/out_width by height/out_height source pixels; colours of four
+// channels are weighted by alpha. Release *out with sgs_image8_free. Fails with INVALID_ARGUMENT
+// (size below 1 or above that of the image) or OUT_OF_MEMORY; *out is then empty.
 SGS_API sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_height,
                                         sgs_image8 *out);
 
@@ -96,7 +98,8 @@ SGS_API float sgs_photo_value(const sgs_photo *photo, size_t at);
 // Frees a photograph of sgs_scene_photo_read and zeroes the struct; accepts an empty one.
 SGS_API void sgs_photo_free(sgs_photo *photo);
 
-// Writes planar 8-bit grey, RGB or RGBA (1, 3 or 4 channels) as PNG.
+// Writes planar 8-bit grey, RGB or RGBA (1, 3 or 4 channels) as PNG. Fails with INVALID_ARGUMENT
+// (channels, empty image), UNSUPPORTED (OpenImageIO without PNG), IO or OUT_OF_MEMORY.
 SGS_API sgs_status sgs_png_write(const char *path, const sgs_image8 *image);
 // The same with a text chunk "Description"; NULL for none.
 SGS_API sgs_status sgs_png_write_described(const char *path, const sgs_image8 *image,
@@ -141,8 +144,10 @@ typedef struct sgs_exr_info {
     double frame_rate;
 } sgs_exr_info;
 
-// Writes a scan-line EXR with data window = display window, Rec. 709 chromaticities and
-// the attributes above. Matrices are stored in EXR's row-vector convention (transposed).
+// Writes a scan-line EXR with data window = display window, Rec. 709 chromaticities and the
+// attributes above. Matrices are stored in EXR's row-vector convention (transposed). Fails with
+// INVALID_ARGUMENT (size, compression, channels, a name used twice), IO, OUT_OF_MEMORY, UNSUPPORTED
+// or INTERNAL (OpenEXR).
 SGS_API sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
                                  const sgs_exr_channel *channels, int channel_count);
 
@@ -154,18 +159,20 @@ typedef struct sgs_deep_sample {
 } sgs_deep_sample;
 
 // A deep scan-line EXR, written row by row: float channels A, B, G, R, Z, ZBack. `info` as above;
-// compression is ZIPS, or none for SGS_EXR_NONE. max_samples: per pixel, stored in the header. On
-// failure *deep is NULL.
+// compression is ZIPS, or none for SGS_EXR_NONE. max_samples: per pixel, stored in the header.
+// Fails with INVALID_ARGUMENT (size), IO, OUT_OF_MEMORY or INTERNAL (OpenEXR); *deep is then NULL.
 typedef struct sgs_exr_deep sgs_exr_deep;
 SGS_API sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
                                      sgs_exr_deep **deep);
 
-// Appends `rows` rows. counts: [rows][width]; samples: of all these pixels, consecutively.
+// Appends `rows` rows. counts: [rows][width]; samples: of all these pixels, consecutively. Fails
+// with INVALID_ARGUMENT (more rows than the image has), IO, OUT_OF_MEMORY or INTERNAL; after a
+// failure close or abort the file.
 SGS_API sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts,
                                       const sgs_deep_sample *samples);
 
-// Finishes the file and moves it into place; all rows must have been written. Frees `deep` in any
-// case.
+// Finishes the file and moves it into place. Fails with INVALID_ARGUMENT if rows are missing, or as
+// sgs_exr_deep_write; an existing file is then unchanged. Frees `deep` in any case.
 SGS_API sgs_status sgs_exr_deep_close(sgs_exr_deep *deep);
 // Discards the file. Accepts NULL.
 SGS_API void sgs_exr_deep_abort(sgs_exr_deep *deep);

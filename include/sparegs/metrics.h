@@ -16,17 +16,18 @@ extern "C" {
 
 // Quantises planar float RGB ([3][height*width], display values) as 3DGS does: floor(clamp(255 v +
 // 0.5, 0, 255)); NaN becomes 0. If `transmittance` is not NULL, adds `background` times it.
-// Allocates out->pixels.
+// Allocates out->pixels; release it with sgs_image8_free. Fails with INVALID_ARGUMENT (size, NULL
+// planes) or OUT_OF_MEMORY; *out is then empty.
 SGS_API sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
                                           const float background[3], int width, int height,
                                           sgs_image8 *out);
 
-// 20 log10(1 / sqrt(MSE)) in dB over the first three channels; +infinity for identical images.
-// Sizes must match.
+// 20 log10(1 / sqrt(MSE)) in dB over the first three channels; +infinity for identical images. NaN
+// if the sizes differ or an image has fewer than three channels.
 SGS_API double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b);
 
-// Mean SSIM over pixels and three channels, in [-1, 1]. Double precision, separable. Sizes must
-// match.
+// Mean SSIM over pixels and three channels, in [-1, 1]. Double precision, separable. NaN as
+// sgs_psnr, and if out of memory.
 SGS_API double sgs_ssim(const sgs_image8 *a, const sgs_image8 *b);
 
 // The same over the valid pixels only (`valid_mask` as in sgs_photo; NULL = all). Invalid pixels

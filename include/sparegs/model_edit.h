@@ -26,7 +26,8 @@ typedef struct sgs_similarity {
 // Fails with INVALID_ARGUMENT (scale or rotation); the model is then unchanged.
 SGS_API sgs_status sgs_gaussians_transform(sgs_gaussians *model, const sgs_similarity *similarity);
 
-// Reduces the SH degree; coefficients above are set to 0. No effect if the degree is not lower.
+// Reduces the SH degree; coefficients above it are set to 0. No effect if the degree is not lower.
+// A negative degree counts as 0. Cannot fail.
 SGS_API void sgs_gaussians_limit_sh(sgs_gaussians *model, int sh_degree);
 
 // Removes the primitives without a flag; the others keep their order. Cannot fail.
@@ -53,16 +54,17 @@ typedef enum sgs_comparison {
 SGS_API sgs_status sgs_select_value(const sgs_gaussians *model, const char *property,
                                     sgs_comparison comparison, double value, unsigned char *keep);
 
+// All finite and >= 0. Typical: voxel 0, opacity 0.1, share 0.01.
 typedef struct sgs_floater_options {
     double voxel;   // world units; 0: four times the median distance to the third nearest neighbour
-    double opacity; // primitives below do not connect others and belong to no component
-    double share;   // smallest share of the primitives in a component that is kept
+    double opacity; // fainter primitives neither occupy voxels nor count
+    double share;   // of the counted primitives: smallest component that is kept
 } sgs_floater_options;
 
 // Rejects floaters. Voxels that contain the centre of a primitive of at least the given opacity are
-// occupied; occupied voxels that touch (26 neighbours) form components. Primitives in components
-// with a smaller share of them, or in no occupied voxel, are rejected. Fails with OUT_OF_MEMORY,
-// LIMIT or INVALID_ARGUMENT.
+// occupied; occupied voxels that touch (26 neighbours) form components. Rejected are all primitives
+// in a component that holds a smaller share of the counted ones, or in no occupied voxel. Fails
+// with OUT_OF_MEMORY, LIMIT or INVALID_ARGUMENT (options).
 SGS_API sgs_status sgs_select_connected(const sgs_gaussians *model,
                                         const sgs_floater_options *options, unsigned char *keep);
 

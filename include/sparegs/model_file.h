@@ -58,7 +58,7 @@ typedef enum sgs_spz_axes {
 typedef struct sgs_model_read_options {
     size_t struct_size;    // set by sgs_model_read_options_default
     sgs_spz_axes spz_axes; // of SPZ files that do not name their axes
-    int lod;               // level of a LOD SOG; 0 is the finest
+    int lod;               // level of a LOD SOG; 0 is the finest, and the only one of other formats
     bool drop_unrotated;   // drop primitives with a zero quaternion instead of using the identity
 } sgs_model_read_options;
 
@@ -79,8 +79,8 @@ typedef struct sgs_model_info {
 
 // Reads a model of any supported format. Primitives with values that are not finite are dropped
 // with a warning; see sgs_ply_read. options and info may be NULL. The caller destroys *model. Fails
-// with IO, FORMAT, UNSUPPORTED, LIMIT or OUT_OF_MEMORY; the error names file and place, *model is
-// then NULL.
+// with INVALID_ARGUMENT (options), IO, FORMAT, UNSUPPORTED, LIMIT or OUT_OF_MEMORY; the error names
+// file and place, *model is then NULL.
 SGS_API sgs_status sgs_model_read(const char *path, const sgs_model_read_options *options,
                                   sgs_gaussians **model, sgs_model_info *info);
 
@@ -103,8 +103,8 @@ typedef struct sgs_model_write_options {
     sgs_spz_axes spz_axes;
     int ksplat_level;        // 0: floats; 1: 16 bits; 2: 8 bits for SH
     int sh_palette;          // entries of SOG's SH palette, 1 to 65536; 0: by the count
-    int palette_iterations;  // of k-means for the palette
-    int lod_levels;          // of a LOD SOG; each has half the primitives of the one before
+    int palette_iterations;  // of k-means for the palette, >= 1
+    int lod_levels;          // of a LOD SOG, 1 to 16; each has half the primitives of the previous
     const float *importance; // [count] for the levels of a LOD SOG; NULL: opacity times volume
     const sgs_model_camera *cameras; // for OpenUSD and HTML; or NULL
     size_t camera_count;

@@ -34,13 +34,14 @@ SGS_API const char *sgs_profile_kind_name(sgs_profile_kind kind);
 typedef struct sgs_profile_options {
     size_t struct_size;               // set by sgs_profile_options_default()
     const sgs_render_options *render; // NULL = the defaults; filter_3d NULL, compact_box 1
-    int refits;                       // age of the aged tree, in refits; 100
-    double step;                      // length of an optimiser step of the means, world units; 0
-    int repeat;                       // repetitions; the best time is reported; 3
-    int samples;                      // rays sampled by brute force; 64
+    int refits;                       // age of the aged tree, in refits, >= 0; 100
+    double step;                      // length of a step of the means, world units, >= 0; 0
+    int repeat;                       // repetitions, >= 1; the best time is reported; 3
+    int samples;                      // rays sampled by brute force, 0..4096; 64
     uint64_t seed;
 } sgs_profile_options;
 
+// Cannot fail.
 SGS_API sgs_profile_options sgs_profile_options_default(void);
 
 typedef struct sgs_profile_tree {
@@ -78,7 +79,8 @@ typedef struct sgs_profile {
 // repetitions; times are the best of the repetitions. The aged tree is built with the means
 // displaced by a normal deviate of `step` * sqrt(`refits`) per axis (a random walk of `refits`
 // steps) and then refitted to the model. Refits keep the topology, so one refit gives the same tree
-// as many. render->filter_3d must be NULL. On failure *profile is NULL.
+// as many. Fails with INVALID_ARGUMENT (options), FORMAT (sgs_camera_validate), UNSUPPORTED (a lens
+// without rays, filter_3d, compact_box), OUT_OF_MEMORY or INTERNAL (Embree); *profile is then NULL.
 SGS_API sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera,
                                     const sgs_pose *pose, const sgs_profile_options *options,
                                     sgs_profile **profile);

@@ -25,7 +25,7 @@ extern "C" {
 typedef struct sgs_view_pass_options {
     size_t struct_size;        // set by sgs_view_pass_options_default()
     sgs_render_options render; // of the views; `differentiable` and `progress` are ignored
-    int downscale;             // divisor of width and height, rounded up; >= 1; 1
+    int downscale;             // divisor of width and height, which are rounded up; 1..1024; 1
     sgs_progress_fn progress;  // called after every view, or NULL
     void *progress_user;
 } sgs_view_pass_options;
@@ -87,8 +87,8 @@ typedef struct sgs_prune_options {
     sgs_view_pass_options views; // LightGaussian, PUP
     const double (*cameras)[3];  // REFINE: [camera_count] camera centres, world
     size_t camera_count;         // REFINE: > 0; of more than 64 a fixed random subset is used
-    double volume_power;         // LightGaussian: exponent of the volume, >= 0; 0.1
-    int fisher_downscale;        // PUP: replaces views.downscale; 4
+    double volume_power;         // LightGaussian: exponent of the volume, 0..10; 0.1
+    int fisher_downscale;        // PUP: replaces views.downscale; 1..1024; 4
     const sgs_rap_network *rap;  // RAP
     sgs_progress_fn progress;    // RAP: called during the computation of the features, or NULL
     void *progress_user;

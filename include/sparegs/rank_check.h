@@ -2,9 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What ranks compare by sgs_ranks_compare before they divide work: parts of a text of lines "what:
-// value" for the program, a camera and a photograph. Training compares its own
-// (sgs_trainer_ranks_set).
+// Lines "what: value" and digests that a program passes to sgs_ranks_compare before its ranks
+// divide work: of the program itself, a camera, a photograph and a file. Training makes its own
+// comparison (sgs_trainer_ranks_set).
+//
+// Threads: all functions may be called from any thread at any time.
 
 #include <stdint.h>
 
@@ -15,8 +17,9 @@
 extern "C" {
 #endif
 
-// Lines for version, class of instruction sets and the values of the C library's functions: ranks
-// with equal lines compute the same bits. Release with free(); NULL if out of memory.
+// Lines for the version, the class of instruction sets, and a digest of values of the C library's
+// exp, log and pow: ranks with equal lines compute the same bits. Release with free(); NULL if out
+// of memory.
 SGS_API char *sgs_rank_program_text(void);
 
 // Digests of the values, equal on all machines of one byte order. Cannot fail.

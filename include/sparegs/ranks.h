@@ -4,8 +4,9 @@
 
 // Ranks: processes on one or several machines, started by mpirun or srun, that train one model.
 // Every rank calls the same functions in the same order; each call also carries the status of the
-// caller, so that all ranks learn of a failure in the same call and stop alike. Messages move bytes
-// only, sums are computed in a fixed order: the model has the same bits for any number of ranks.
+// caller, so that all ranks learn of a failure in the same call and stop alike. Messages only move
+// bytes, and sums are computed in a fixed order: the model has the same bits for any number of
+// ranks.
 //
 // NULL ranks are one process: every function accepts it and does nothing, or returns what a single
 // process would.
@@ -34,7 +35,7 @@ SGS_API void sgs_ranks_forget_launcher(void);
 // Joins the ranks of a launcher through the plug-in of its MPI library, which is loaded now:
 // "ranks-openmpi.so" or "ranks-mpich.so", in `folder`, or, if it is NULL, next to the program and
 // in ../lib/sparegs. *ranks is NULL, with success, if there is one process. Fails with UNSUPPORTED
-// if no plug-in can be loaded. Collective. Call at most once per process.
+// if no plug-in can be loaded, or with OUT_OF_MEMORY. Collective. Call at most once per process.
 SGS_API sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks);
 // Waits for all ranks, and learns of those that failed. Accepts NULL.
 SGS_API void sgs_ranks_close(sgs_ranks *ranks);
@@ -43,11 +44,11 @@ SGS_API int sgs_ranks_rank(const sgs_ranks *ranks);  // 0 without ranks
 SGS_API int sgs_ranks_count(const sgs_ranks *ranks); // 1 without ranks
 
 // Collective: all ranks return OK, or all fail with the status and message of the lowest rank that
-// failed, as "rank 3 (node07): ...". After that, every collective call fails at once with this
-// status. Without ranks it returns `own`.
+// failed, as "rank 3 (node07): ...". The message is that rank's sgs_last_error(). After that, every
+// collective call fails at once with this status. Without ranks it returns `own`.
 SGS_API sgs_status sgs_ranks_agree(sgs_ranks *ranks, sgs_status own);
 
-// The same with the message of this rank; `text` is copied.
+// The same with `text` as the message of this rank if it fails; NULL = sgs_last_error().
 SGS_API sgs_status sgs_ranks_agree_text(sgs_ranks *ranks, sgs_status own, const char *text);
 
 // Refuses ranks that differ in what must be equal: `text`, lines "what: value", against that of
@@ -57,17 +58,18 @@ SGS_API sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const cha
 
 // Flags of this rank, which travel with its next collective call; bits 0 to 15 are free for
 // callers. sgs_ranks_raised returns the flags that any rank had sent by the last collective call:
-// the same on all ranks. Without ranks it returns the flags raised so far.
+// the same on all ranks. Without ranks no flag is kept, and it returns 0.
 SGS_API void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags);
 SGS_API uint32_t sgs_ranks_raised(const sgs_ranks *ranks);
-// Withdraws flags that all ranks have seen. All call it between the same two collective calls.
+// Clears flags that all ranks have seen. All ranks call it between the same two collective calls.
 SGS_API void sgs_ranks_lower(sgs_ranks *ranks, uint32_t flags);
-// After a failure, which all ranks have received in the same call: if all call this before another
-// call, they can continue, for instance to save their state.
+// Makes collective calls possible again after a failure, for instance to save the state. All ranks
+// call it after the call that failed and before the next collective one.
 SGS_API void sgs_ranks_recover(sgs_ranks *ranks);
 
 // Copies *bytes of rank 0, `*size` of them, to all other ranks, where *bytes is replaced by memory
-// from malloc that the caller frees. Rank 0 keeps its own. Collective.
+// from malloc that the caller frees, with a NUL after the last byte. Rank 0 keeps its own. Fails
+// with OUT_OF_MEMORY; *bytes is then unchanged. Collective.
 SGS_API sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes,
                                        size_t *size);
 
@@ -100,13 +102,14 @@ typedef enum sgs_ranks_purpose {
 SGS_API sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
 
 // Seconds that this rank has spent in collective calls, by purpose. Every call begins with a header
-// that reaches a rank when the last one has sent it: this time is waiting. A call that only agrees
-// counts as SGS_RANKS_STATUS.
+// that is complete when the last rank has sent its part: the time until then counts as waiting. A
+// call that only agrees counts as SGS_RANKS_STATUS.
 typedef struct sgs_ranks_seconds {
     double waiting; // for the other ranks, and the latency of the header
     double moving;  // the bytes of the call
 } sgs_ranks_seconds;
 SGS_API sgs_ranks_seconds sgs_ranks_spent(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
+// "status", "image", ...; "unknown" outside the enumeration. Constant string.
 SGS_API const char *sgs_ranks_purpose_name(sgs_ranks_purpose purpose);
 
 #ifdef __cplusplus

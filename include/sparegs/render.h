@@ -114,13 +114,13 @@ typedef struct sgs_renderer sgs_renderer;
 
 // Creates a renderer; release it with sgs_renderer_destroy. The model must outlive it; call
 // sgs_renderer_update or sgs_renderer_refit after every change. The first rendering builds the BVH.
-// Fails with OUT_OF_MEMORY or INTERNAL (Embree); *renderer is then NULL.
+// Fails with OUT_OF_MEMORY or UNSUPPORTED (no Embree device); *renderer is then NULL.
 SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
 SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
 // Limit of the memory for ray tables, bytes; 1 GiB initially. A renderer keeps the tables of recent
-// cameras, about 11 bytes per pixel for each lens and size, because making one takes a part of a
-// rendering. The table of the last rendering stays also if it exceeds the limit. Applies when the
-// next table is made. Cannot fail.
+// cameras, about 10 bytes per pixel for each lens and size, because building one takes a noticeable
+// fraction of the time of a rendering. The table of the last rendering is kept even if it exceeds
+// the limit. Applies when the next table is built. Cannot fail.
 SGS_API void sgs_renderer_ray_limit_set(sgs_renderer *renderer, size_t bytes);
 // Bytes of the ray tables that the renderer holds. Cannot fail.
 SGS_API size_t sgs_renderer_ray_bytes(const sgs_renderer *renderer);
@@ -133,8 +133,9 @@ SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
 SGS_API sgs_status sgs_renderer_refit(sgs_renderer *renderer);
 // Renders one view into the planes of `frame` that are not NULL. options NULL = the defaults. The
 // result does not depend on the number of threads, bit for bit. Fails with INVALID_ARGUMENT
-// (options out of range, frame size differs from the camera's), UNSUPPORTED (a lens without rays),
-// OUT_OF_MEMORY or CANCELLED; the contents of the planes are then undefined.
+// (options or camera position out of range, frame size differs from the camera's), FORMAT
+// (sgs_camera_validate), UNSUPPORTED (a lens without rays), OUT_OF_MEMORY, INTERNAL (Embree) or
+// CANCELLED; the contents of the planes are then undefined.
 SGS_API sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
                                        const sgs_pose *pose, const sgs_render_options *options,
                                        sgs_frame *frame);
@@ -213,7 +214,8 @@ typedef struct sgs_hit {
 } sgs_hit;
 
 // Renders all planes. params: [count][SGS_PARAM_COUNT] in the order of SGS_PARAM_; double, so that
-// finite differences can perturb them below float resolution. Fails as sgs_renderer_render.
+// finite differences can perturb them below float resolution. Fails as sgs_renderer_render, with
+// UNSUPPORTED for a compact_box other than 1, or with LIMIT (more than 2^32 - 1 primitives).
 SGS_API sgs_status sgs_reference_render(const double *params, size_t count,
                                         const sgs_camera *camera, const sgs_pose *pose,
                                         const sgs_render_options *options,

@@ -4,7 +4,7 @@
 
 // Reads the folder of a training run (`sparegs train -o OUT`).
 //
-// Threads: the functions may be called from any thread, concurrently for different models.
+// Threads: all functions may be called from any thread at any time.
 
 #include "sparegs/gaussians.h"
 #include "sparegs/render.h"

@@ -41,7 +41,7 @@ SGS_API bool sgs_isa_supported(sgs_isa isa);
 // "baseline", "avx2", "avx512"; NULL outside the enum.
 SGS_API const char *sgs_isa_name(sgs_isa isa);
 
-// "1.0.0"; the commit of the build ("unknown" outside a checkout); one line with the versions of
+// "0.1.0"; the commit of the build ("unknown" outside a checkout); one line with the versions of
 // Embree, OpenImageIO and OpenEXR in use. Constant strings.
 SGS_API const char *sgs_version(void);
 SGS_API const char *sgs_version_commit(void);

@@ -218,7 +218,7 @@ SGS_API void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
 // Cannot fail.
 SGS_API int sgs_view_name_match(const char *view_name, const char *name);
 
-// Index of the view with the least such match, or -1. Cannot fail.
+// Index of the view with the best such match (the smallest number), or -1. Cannot fail.
 SGS_API ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
 
 typedef struct sgs_named_camera {

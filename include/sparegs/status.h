@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// How the library reports trouble: one status code per fallible call, one thread-local sentence
+// How the library reports failures: one status code per fallible call, one thread-local sentence
 // that names the file, the place in it and the fix, and a callback for warnings. The library itself
 // never prints and never exits.
 

@@ -266,9 +266,10 @@ typedef struct sgs_region {
     uint32_t redundant; // removed by RAP only
 } sgs_region;
 
-// All regions of the last structural update with SPARE-GS.
+// All regions of the last structural update; none, with iteration 0, if there was no update yet or
+// the last one was without SPARE-GS.
 typedef struct sgs_regions {
-    int iteration, grid;    // iteration 0: no update yet
+    int iteration, grid;
     double low[3], cell[3]; // lower corner of the grid and size of a voxel, world units
     size_t count;
     // [count] by ascending voxel; owned by the trainer, valid until the next step.
@@ -290,8 +291,8 @@ SGS_API size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train
 
 // Creates a trainer; release it with sgs_trainer_destroy. The scene, with loaded images, must
 // outlive it. Options and options->init are copied; options NULL = the defaults. Fails with
-// INVALID_ARGUMENT (the error names the field), OUT_OF_MEMORY, LIMIT, INTERNAL (Embree), or as
-// sgs_scene_photo does; *trainer is then NULL.
+// INVALID_ARGUMENT (the error names the field), OUT_OF_MEMORY, LIMIT, UNSUPPORTED or INTERNAL
+// (Embree), or as sgs_scene_photo does; *trainer is then NULL.
 SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
                                       sgs_trainer **trainer);
 // The same with *init, which may be NULL, in place of options->init. The trainer takes it over
@@ -306,12 +307,12 @@ SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL
 // `ranks` must outlive the trainer. sgs_trainer_step is then collective. Every rank keeps a part of
 // the rows with their moments, and traces and differentiates its own part of every image. Fails
 // with OUT_OF_MEMORY, or INVALID_ARGUMENT if a rank differs from rank 0 in version, options, views,
-// photographs or arithmetic. Collective.
+// photographs or arithmetic; the trainer can then only be destroyed. Collective.
 SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks);
 
 // Limits the memory of the process to `bytes`; 0 = no limit. A step whose structural update would
-// exceed it fails with OUT_OF_MEMORY and changes nothing. image_cache as in sgs_train_memory.
-// Cannot fail.
+// exceed it fails with OUT_OF_MEMORY and changes nothing. image_cache as in sgs_train_memory. With
+// several ranks, set a limit on all of them or on none. Cannot fail.
 SGS_API void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache);
 
 // Runs one iteration. The last one sets info->stop; further calls fail with LIMIT. Structural
@@ -397,8 +398,9 @@ SGS_API size_t sgs_trainer_initial_cloud(const sgs_trainer *trainer, const float
 
 // Writes the complete state to one file, atomically: parameters, moments, statistics, schedule,
 // counters, options. A trainer that loads it computes the same bits as one that was never
-// interrupted. Fails with IO or OUT_OF_MEMORY; an existing file is then unchanged. Collective: rank
-// 0 writes the file, and alone fails if that is impossible; other ranks ignore `path`.
+// interrupted. Fails with IO, OUT_OF_MEMORY, or INVALID_ARGUMENT if sgs_trainer_is_consistent is
+// false; an existing file is then unchanged. Collective: rank 0 writes the file, and alone fails if
+// that is impossible; other ranks ignore `path`.
 SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const char *path);
 // Replaces the trainer's state by that of a checkpoint. Options may differ as their resume rule
 // allows (option_descriptors.h), with a warning. A run that ended in equilibrium continues only if
@@ -411,7 +413,7 @@ SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const
 // Collective: rank 0 reads the file, other ranks ignore `path`; a failure is that of all ranks, and
 // their next calls fail, too.
 SGS_API sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
-// Fails if the file cannot be loaded, for reasons of the file; changes nothing. Not collective.
+// Fails as sgs_trainer_load_checkpoint would because of the file; changes nothing. Not collective.
 SGS_API sgs_status sgs_trainer_check_checkpoint(sgs_trainer *trainer, const char *path);
 // Size in bytes of the file that sgs_trainer_save_checkpoint would write now. Cannot fail.
 SGS_API size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer);

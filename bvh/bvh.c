@@ -6,8 +6,8 @@
 // callback. The occlusion callback only records the primitive id and reports no hit, so traversal
 // continues to the end of the ray.
 //
-// Refitting needs the two-level builder: a scene of quality LOW whose geometry had quality REFIT at
-// its first commit. In any other scene Embree silently rebuilds. A geometry that becomes REFIT
+// Refitting requires the two-level builder: a scene of quality LOW whose geometry had quality REFIT
+// at its first commit. In any other scene Embree silently rebuilds. A geometry that becomes REFIT
 // later is built a second time by its first refit (500 k boxes: 0.12 s Morton build plus 0.27 s SAH
 // build in that refit, instead of 0.27 s build and 0.027 s refit). Embree never rebuilds a REFIT
 // geometry, so every build creates a new one.

@@ -31,17 +31,19 @@ typedef enum sgsi_bvh_quality {
     SGSI_BVH_QUALITY_COUNT
 } sgsi_bvh_quality;
 
-// On failure *bvh is NULL.
+// Fails with OUT_OF_MEMORY, or UNSUPPORTED if Embree has no device for this processor; *bvh is then
+// NULL.
 sgs_status sgsi_bvh_create(sgsi_bvh **bvh);
 void sgsi_bvh_destroy(sgsi_bvh *bvh); // accepts NULL
 
-// Builds over `bounds`. The caller owns the array and keeps it alive until the next build or
-// destroy.
+// Builds over `bounds` [count], world space. The caller owns the array and keeps it alive until the
+// next build or destroy. Fails with LIMIT (count), OUT_OF_MEMORY, UNSUPPORTED or INTERNAL (Embree);
+// only another build or destroy may follow.
 sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count,
                           sgsi_bvh_quality quality);
 
 // Adapts the tree to changed bounds (same array, same count) and keeps its topology. Rebuilds a
-// tree that was not built with SGSI_BVH_REFIT.
+// tree that was not built with SGSI_BVH_REFIT. Fails as sgsi_bvh_build, except with LIMIT.
 sgs_status sgsi_bvh_refit(sgsi_bvh *bvh);
 
 // Sixteen rays from one origin, world space; unit directions. Lanes whose bit in `valid` is 0 are
@@ -50,11 +52,11 @@ typedef struct sgsi_packet {
     float origin[3];
     uint32_t valid;
     float direction[3][16];
-    float far[16];
+    float far[16]; // world units; INFINITY = unlimited
 } sgsi_packet;
 
 // Result of a gather. Owned by the caller, one per thread; grows as needed (ids may be NULL at
-// first).
+// first). Release ids with sgsi_free.
 typedef struct sgsi_gather_list {
     uint32_t *ids;
     size_t count, capacity;

@@ -122,7 +122,7 @@ static box measure_node(measure_sums *sums, const tree_node *node)
     return own;
 }
 
-// Omits primitives with non-finite boxes from the tree.
+// Omits boxes from the tree that are not finite, inverted or beyond 1e18.
 static struct RTCBuildPrimitive *list_primitives(const sgsi_bounds *bounds, size_t count,
                                                  size_t *listed)
 {

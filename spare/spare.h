@@ -19,8 +19,9 @@ typedef enum spare_phi {
     SPARE_PHI_PLAIN     // 1/2 + sigmoid(kappa_s s)
 } spare_phi;
 
+// Defaults in parentheses.
 typedef struct spare_options {
-    int grid;                          // voxels per axis (32)
+    int grid;                          // voxels per axis, clamped to 1..256 (32)
     double budget_scale;               // kappa: B = kappa N (1)
     double slack_gain;                 // kappa_s (2)
     double weight_range;               // gamma_0 (0.375)
@@ -34,6 +35,7 @@ typedef struct spare_options {
     bool rap_require_visible;
 } spare_options;
 
+// Cannot fail.
 spare_options spare_options_default(void);
 
 // One region (voxel) that holds at least one primitive.
@@ -57,12 +59,12 @@ typedef struct spare_input {
     size_t count;
     const float *x, *y, *z;        // means, world
     const float *opacity;          // alpha in (0, 1)
-    const float *gradient_sum;     // a_i
-    const uint32_t *visible_count; // d_i
+    const float *gradient_sum;     // a_i, accumulated norm of the view-space gradient
+    const uint32_t *visible_count; // d_i, views
     const float *radius_max;       // rho_i, pixels
 } spare_input;
 
-// Bytes of workspace that spare_evaluate needs for this grid and count.
+// Bytes of workspace that spare_evaluate requires for this grid and count. Cannot fail.
 size_t spare_workspace_size(const spare_options *options, size_t count);
 
 // region_of a primitive with a non-finite centre.
@@ -114,7 +116,8 @@ void spare_equilibrium_disturb(spare_equilibrium *state, spare_view_fit *fits, s
 // Adds the loss of an iteration. Ignores non-finite losses.
 void spare_equilibrium_observe(spare_equilibrium *state, spare_view_fit *fits, size_t view,
                                long iteration, double loss);
-// Evaluates Eq. 26 at a check; `interval`: Delta t in iterations. Does nothing while fewer losses
-// than views are in this interval. Returns true when training may stop.
+// Evaluates Eq. 26 at a check and begins the next interval; `interval`: Delta t in iterations,
+// `count`: primitives now. Has no effect if this interval has fewer losses than there are views.
+// Returns true when training may stop.
 bool spare_equilibrium_check(spare_equilibrium *state, spare_view_fit *fits, size_t views,
                              long interval, size_t count, const spare_tolerance *tolerance);

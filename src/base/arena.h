@@ -21,12 +21,13 @@ typedef struct sgsi_arena {
     size_t total;         // words handed out since the last reset
 } sgsi_arena;
 
-// 32-bit words, uninitialised, valid until the next reset; NULL when out of memory.
+// `words` 32-bit words, uninitialised, valid until the next reset; NULL when out of memory.
 uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words);
 // Words handed out since the last reset.
 size_t sgsi_arena_used(const sgsi_arena *arena);
-// Resets and reserves `words` in one chunk, so that takes with this total do not allocate.
-// (Untouched pages take no memory.) False when out of memory: the arena is then empty and usable.
+// Resets and reserves `words` in one chunk: sgsi_arena_take then hands out as many without
+// allocating. (Untouched pages take no memory.) False when out of memory: the arena is then empty
+// and usable.
 bool sgsi_arena_reserve(sgsi_arena *arena, size_t words);
 void sgsi_arena_reset(sgsi_arena *arena);
 void sgsi_arena_free(sgsi_arena *arena);

@@ -22,18 +22,18 @@
 // Records the sentence for sgs_last_error().
 void sgsi_record_error(const char *format, ...) SGSI_PRINTF(1, 2);
 
-// Records the sentence for sgs_last_error(); its value is `status`: `return
-// sgsi_fail(SGS_STATUS_FORMAT, "%s: ...", path)`. A macro: compilers and analysers see at the call
-// that the status is a failure.
+// Records the sentence for sgs_last_error() and evaluates to `status`: `return
+// sgsi_fail(SGS_STATUS_FORMAT, "%s: ...", path)`. A macro, so that compilers and analysers see at
+// the call that the status is a failure.
 #define sgsi_fail(status, ...) (sgsi_record_error(__VA_ARGS__), (status))
 
 // Sends one warning line to the process-wide handler.
 void sgsi_warn(const char *format, ...) SGSI_PRINTF(1, 2);
 
 // Fills `options` (`size` bytes, holding the defaults) from a caller's struct of the same type,
-// which begins with its struct_size and may be shorter, as an earlier version declared it: what it
-// lacks keeps the default. NULL means the defaults. Fails with INVALID_ARGUMENT, naming `type`,
-// when struct_size is 0 or larger than `size`.
+// which begins with its struct_size and may be shorter, as an earlier version declared it: fields
+// that it lacks keep their defaults. NULL means the defaults. Fails with INVALID_ARGUMENT, naming
+// `type`, when struct_size is smaller than a size_t or larger than `size`.
 sgs_status sgsi_options_read(const void *given, const char *type, void *options, size_t size);
 
 // 64-byte aligned, zeroed memory; NULL when out of memory or when count * size overflows. Blocks of
@@ -61,16 +61,18 @@ size_t sgsi_allocation_count(void);
 // Test hook: makes the n-th allocation from now fail (n >= 1); 0 disables it.
 void sgsi_fail_allocation(size_t n);
 
+// A copy of `text`; NULL when out of memory. Release with sgsi_free.
 char *sgsi_strdup(const char *text);
 // printf into a new string; NULL when out of memory. Release with sgsi_free.
 char *sgsi_format(const char *format, ...) SGSI_PRINTF(1, 2);
 
-// Opens a regular file for reading and determines its size. Fails with IO for other kinds: named
-// pipes without a writer do not block it. Release with fclose.
+// Opens a regular file for reading and determines its size. Fails with IO for other kinds of files,
+// and does not block on a named pipe without a writer. Release with fclose.
 sgs_status sgsi_file_open(const char *path, FILE **stream, size_t *size);
 
-// Reads a regular file; (*bytes)[*size] is NUL. Fails with IO (the error names the file), or with
-// LIMIT when the file exceeds `limit` bytes (0 = no limit). Release with sgsi_free.
+// Reads a regular file; (*bytes)[*size] is NUL. Fails with IO (the error names the file),
+// OUT_OF_MEMORY, or LIMIT when the file exceeds `limit` bytes (0 = no limit). Release with
+// sgsi_free.
 sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_t *size);
 
 // Writes a file atomically: "PATH.tmp.PID" is written, flushed, synced and then renamed to PATH.
@@ -79,6 +81,7 @@ typedef struct sgsi_atomic_file {
     char *path, *temporary;
 } sgsi_atomic_file;
 
+// Fails with IO or OUT_OF_MEMORY; the file then needs neither commit nor abort.
 sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path);
 // Renames into place. After a write error it removes the temporary file and fails with IO.
 sgs_status sgsi_atomic_commit(sgsi_atomic_file *file);
@@ -92,7 +95,8 @@ sgs_status sgsi_file_write(const char *path, const uint8_t *bytes, size_t size);
 bool sgsi_is_file(const char *path);
 bool sgsi_is_folder(const char *path);
 
-// Creates a folder and its missing parents; succeeds when it exists.
+// Creates a folder and its missing parents; succeeds when it exists. Fails with IO or
+// OUT_OF_MEMORY.
 sgs_status sgsi_make_folder(const char *path);
 
 // Monotonic clock in seconds.

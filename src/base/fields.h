@@ -53,7 +53,7 @@ typedef struct sgsi_field {
     const char *name;
     sgsi_field_type type; // not TEXT
     size_t offset;
-    bool essential; // required in the list; without a record, others keep their value
+    bool essential; // a list without it is refused; else a member without a record keeps its value
 } sgsi_field;
 
 void sgsi_fields_write(sgsi_field_list *list, const sgsi_field *fields, size_t count,

@@ -28,7 +28,7 @@ static inline void sgsi_radix_pass(const uint64_t *from, uint64_t *to, size_t co
         to[begin[(from[i] - base) >> shift & (buckets - 1)]++] = from[i];
 }
 
-// Sorts by the upper 32 bits, which lie in [least, most], with a resolution of 2^-20 of that range
+// Sorts by the upper 32 bits, which lie in [least, most], with a resolution of 2^-19 of that range
 // or finer; closer keys keep their order. Both buffers hold `count` keys; the result is in `keys`.
 static inline void sgsi_radix_sort(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least,
                                    uint32_t most)

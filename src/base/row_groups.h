@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Which rank owns which rows of a model that several processes share: groups of rows in turns. A
-// single process is rank 0 of 1.
+// Which rank owns which rows of a model that several processes share: groups of rows, assigned
+// round-robin. A single process is rank 0 of 1.
 
 #include <stddef.h>
 

@@ -14,7 +14,7 @@ void sgsi_threads_set(int count);
 int sgsi_threads(void);
 
 // Runs body(context, item, thread) once for every item in [0, count), in any order; `thread` is in
-// [0, sgsi_threads()). Items are scheduled in chunks of `chunk` (0 = automatic). Returns when all
+// [0, sgsi_threads()). Items are scheduled in chunks of `chunk` (0 counts as 1). Returns when all
 // are done. A nested call runs its items in sequence on the calling thread, with `thread` 0.
 typedef void (*sgsi_item_fn)(void *context, size_t item, int thread);
 void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context);

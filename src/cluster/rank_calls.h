@@ -30,7 +30,8 @@ struct sgs_ranks {
     sgs_ranks_seconds spent[SGS_RANKS_PURPOSE_COUNT];
 };
 
-// Ranks over a transport, which they own even after a failure. Collective.
+// Ranks over a transport, which sgs_ranks_close closes. Fails with OUT_OF_MEMORY; the transport is
+// then still open.
 sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks);
 
 // `count` transports of threads of this process; each is used by its own thread. Frees itself with

@@ -2,9 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Arrays whose rows several ranks own in groups (base/row_groups.h), from and to one place. An
-// array is given by its size in all and the size of a group, both in bytes; the last group may be
-// incomplete. `own`: the groups of this rank, one after the other. All functions are collective.
+// Gathers arrays whose rows several ranks own in groups (base/row_groups.h), and distributes them
+// again. An array is given by its whole size and the size of a group (> 0), both in bytes; the last
+// group may be incomplete. `own`: the groups of this rank, one after the other. All functions but
+// sgsi_row_array_bytes are collective and fail with OUT_OF_MEMORY or as another rank does.
 
 #include "base/row_groups.h"
 #include "cluster/rank_calls.h"
@@ -31,8 +32,8 @@ size_t sgsi_row_array_bytes(const sgsi_row_array *array, int rank, int ranks);
 sgs_status sgsi_rows_gather(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose purpose,
                             const sgsi_row_array *array, void *whole);
 
-// Passes the array to take() on rank 0, in order and in parts; other ranks only send. take() cannot
-// fail: it keeps its failures, so that the others are not left waiting.
+// Passes the array to take() on rank 0, in order and in parts; other ranks only send. take() has no
+// status: it records its failures in `context`, so that the other ranks can finish sending.
 sgs_status sgsi_rows_collect(sgs_ranks *ranks, sgs_status own, const sgsi_row_array *array,
                              void (*take)(void *context, void *bytes, size_t size), void *context);
 

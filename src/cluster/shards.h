@@ -24,8 +24,9 @@ enum {
     SGSI_SHARD_SUM = 68     // bytes of the gradient of a primitive in a cell: 16 sums, the row
 };
 
-// Bytes of a message of `count` items of `item` bytes, at least 64 each: padded to the unit of a
-// transport. sgsi_shard_items returns the count again.
+// Bytes of a message of `count` items of `item` bytes, padded to the unit of a transport.
+// sgsi_shard_items returns the count again; it requires items of at least 64 bytes, so that the
+// padding is shorter than an item.
 size_t sgsi_shard_bytes(size_t count, size_t item);
 size_t sgsi_shard_items(size_t bytes, size_t item);
 

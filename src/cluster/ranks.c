@@ -78,7 +78,7 @@ static sgs_status fail_alike(sgs_ranks *ranks, int failing, sgs_status status, c
     ranks->failed = status;
     if (failing < 0)
         snprintf(ranks->message, sizeof ranks->message,
-                 "the ranks are in different calls; this is an error of sparegs");
+                 "the ranks made different collective calls; this is a bug in sparegs");
     else
         snprintf(ranks->message, sizeof ranks->message, "rank %d (%.63s): %.*s", failing,
                  all[failing].node, (int)MESSAGE_BYTES - 1, all[failing].text);

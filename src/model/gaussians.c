@@ -161,8 +161,8 @@ static sgs_status copy_parameter(const sgs_gaussians *model, int param, size_t c
                          SGS_PARAM_COUNT - 1);
     if (copy->first > model->count || count > model->count - copy->first)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%zu primitives from %zu on are more than the model's %zu", count,
-                         copy->first, model->count);
+                         "%zu primitives from %zu on exceed the model's %zu", count, copy->first,
+                         model->count);
     if (copy->stride && copy->stride < sizeof(float))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "a stride of %zu bytes is below %zu",
                          copy->stride, sizeof(float));

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Training of the primitives whose centres lie in a box, while the others stay as they are. The
-// rows of the box come first, so that code for a whole model works on the first rows, and centres
-// never leave the box, so that the order holds between structural updates.
+// Training of the primitives whose centres lie in a box, while the others stay unchanged. The rows
+// in the box come first, so that code for a whole model works on the first rows. Centres never
+// leave the box, so that this order holds between structural updates.
 
 #include "sparegs/gaussians.h"
 #include "sparegs/region.h"

@@ -26,7 +26,7 @@ typedef struct sgsi_optimize {
     bool abs_grad_norm;  // norm over both axes instead of their sum
     // Both sums weigh views by min(1, (depth / near_depth)^2), depth in world units; 0: all alike.
     float near_depth;
-    float tan_half_x, tan_half_y;
+    float tan_half_x, tan_half_y; // tangents of half the fields of view
     // Added to the loss for every row, hit or not: opacity_loss * o + scale_loss * (s_x + s_y +
     // s_z), the regularisers of Kheradmand et al. 2024.
     float opacity_loss, scale_loss;

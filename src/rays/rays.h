@@ -68,8 +68,9 @@ typedef struct sgsi_view {
 } sgsi_view;
 
 // macrotile_side: tiles per side of a macrotile (1, 2, 4; larger values count as 4). It is reduced
-// for the whole image if a macrotile would cover too wide an angle for one tangent plane. On
-// failure *rays is NULL.
+// for the whole image if a macrotile would cover too wide an angle for one tangent plane. Fails
+// with FORMAT (sgs_camera_validate), UNSUPPORTED (a tile too wide for one tangent plane) or
+// OUT_OF_MEMORY; *rays is then NULL.
 sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 
@@ -87,15 +88,15 @@ void sgsi_rays_cell_cones(const sgsi_rays *rays, sgsi_cone *cones);
 // The macrotile_side for a camera. Depends on its image size only, not on the number of threads.
 int sgsi_macrotile_side(const sgs_camera *camera);
 
-// Cache of ray tables by camera with least-recently-used eviction. It holds one table also if that
-// exceeds the limit. Not thread-safe.
+// Cache of up to 256 ray tables by camera with least-recently-used eviction. It holds one table
+// even if that exceeds the limit. Not thread-safe. Fails with OUT_OF_MEMORY; *cache is then NULL.
 typedef struct sgsi_ray_cache sgsi_ray_cache;
 sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache);
-void sgsi_ray_cache_destroy(sgsi_ray_cache *cache);
+void sgsi_ray_cache_destroy(sgsi_ray_cache *cache); // accepts NULL
 // Applies when the next table is made.
 void sgsi_ray_cache_limit_set(sgsi_ray_cache *cache, size_t byte_limit);
 // Bytes of the tables it holds.
 size_t sgsi_ray_cache_bytes(const sgsi_ray_cache *cache);
-// The table is valid until the next call.
+// The table is valid until the next call. Fails as sgsi_rays_create; *rays is then NULL.
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                               const sgsi_rays **rays);

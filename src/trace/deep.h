@@ -17,7 +17,8 @@ typedef struct sgsi_deep {
     sgs_deep_sample *samples; // [rows][width][max_samples]
 } sgsi_deep;
 
-// Makes room for `rows` rows of `width` pixels; never shrinks. Initialise the struct to zero.
+// Makes room for `rows` rows of `width` pixels. Initialise the struct to zero. Fails with
+// OUT_OF_MEMORY; the struct is then zeroed.
 sgs_status sgsi_deep_reserve(sgsi_deep *deep, const sgs_deep_options *options, int width, int rows);
 void sgsi_deep_free(sgsi_deep *deep);
 

@@ -147,7 +147,7 @@ typedef struct sgsi_kernels {
     // The same, including SGSI_GRAD_SUM_ABS.
     void (*tile_backward_abs_grad)(sgsi_scratch *scratch, const sgsi_tile_list *list,
                                    sgsi_tile_target *target);
-    // Writes scores to scratch->sums[0..count): pixel weight, hits, T alpha, distance.
+    // Writes the columns SGSI_SCORE_* (model/score_slots.h) to scratch->sums[0..count).
     void (*tile_score)(sgsi_scratch *scratch, const sgsi_tile_list *list, sgsi_tile_target *target,
                        const sgsi_score_planes *planes);
 } sgsi_kernels;

@@ -43,16 +43,18 @@ typedef struct sgsi_planes {
     const sgsi_aov *aov; // further AOVs, or NULL
 } sgsi_planes;
 
+// Fails as sgsi_bvh_create; *tracer is then NULL.
 sgs_status sgsi_tracer_create(sgsi_tracer **tracer);
 void sgsi_tracer_destroy(sgsi_tracer *tracer); // accepts NULL
 
 // Computes projected records and bounds of the model's primitives for a view. visible_count and
-// radius_max [capacity] accumulate statistics and may be NULL.
+// radius_max [capacity] accumulate statistics; both may be NULL. Fails with INVALID_ARGUMENT (a
+// camera too far from the origin) or OUT_OF_MEMORY.
 sgs_status sgsi_tracer_project(sgsi_tracer *tracer, const sgs_gaussians *model,
                                const sgsi_view *view, uint32_t *visible_count, float *radius_max);
 
 // Updates the BVH to the projected bounds: builds if `rebuild` or if the count changed, else
-// refits.
+// refits. Fails as sgsi_bvh_build.
 sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_quality quality);
 
 // Frees what the next projection and passes would replace, to leave the memory to another phase.
@@ -64,7 +66,8 @@ void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs);
 
 // Gathers and blends. depth_bound [tiles] or NULL: per tile, the distance at which the previous
 // visit of this view was opaque (INFINITY if unknown); read, then replaced. The image does not
-// depend on it. keep_lists: required for a backward pass.
+// depend on it. keep_lists: required for a backward pass. Fails with OUT_OF_MEMORY; planes and
+// depth bounds are then undefined.
 sgs_status sgsi_tracer_forward(sgsi_tracer *tracer, const sgsi_view *view, sgsi_planes *planes,
                                float *depth_bound, bool keep_lists);
 
@@ -112,16 +115,17 @@ sgsi_sum_list sgsi_tracer_records(const sgsi_tracer *tracer, size_t bucket);
 // is out of range, or OUT_OF_MEMORY.
 sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const sgsi_sum_list *lists, int count);
 
-// Gradients of the last forward pass that kept lists: fills the gradient sums and `touched`.
+// Gradients of the last forward pass, which must have kept its lists: fills the gradient sums and
+// `touched`. The number of threads must not have grown since. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,
                                 const sgsi_planes *planes, float *const d_color[3],
                                 float *d_transmittance);
 // Enables SGSI_GRAD_SUM_ABS in later backward passes.
 void sgsi_tracer_collect_abs_grad(sgsi_tracer *tracer, bool wanted);
 
-// Scores of primitives for density control, over the last forward pass that kept lists. Replaces
-// the gradient sums by the columns SGSI_SCORE_* (model/score_slots.h) and fills `touched`. Only the
-// sizes of `planes` are read.
+// Scores of primitives for density control, over the last forward pass, as sgsi_tracer_backward.
+// Replaces the gradient sums by the columns SGSI_SCORE_* (model/score_slots.h) and fills `touched`.
+// Only the sizes of `planes` are read.
 sgs_status sgsi_tracer_score(sgsi_tracer *tracer, const sgsi_view *view, const sgsi_planes *planes,
                              const sgsi_score_planes *score);
 
@@ -135,7 +139,7 @@ const sgsi_bounds *sgsi_tracer_bounds(const sgsi_tracer *tracer); // [capacity]
 const float *sgsi_tracer_projected(const sgsi_tracer *tracer);    // [capacity][16]
 sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer);
 sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer);
-// [tiles], of the last forward pass that kept lists.
+// [tiles], of the last forward pass, if it kept its lists.
 const sgsi_tile_list *sgsi_tracer_lists(const sgsi_tracer *tracer);
 const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer);
 

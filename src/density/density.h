@@ -52,7 +52,7 @@ typedef struct sgsi_density_rows {
     sgs_gaussians *model;
     float **m, **v;
     sgsi_statistics *statistics;
-    size_t fixed; // the last rows, which stay as they are and where they are: at the end
+    size_t fixed; // number of rows at the end that keep their values and their order
     // NULL: one process, which has all rows. Else model, moments and statistics are those of this
     // process; `fixed` counts the rows of all.
     const sgsi_row_peers *peers;

@@ -3,9 +3,9 @@
 
 // Kheradmand et al. 2024, stochastic gradient Langevin dynamics. Adam's step becomes one of
 // Langevin dynamics by noise of the primitive's own covariance: Sigma xi, not its root, as printed.
-// The gate lets primitives explore that contribute little; opaque ones stay where they are. Three
-// normals per row are not free, so rows above SGSI_NOISE_OPACITY_MOST are left out by definition,
-// with every instruction set.
+// The gate lets primitives that contribute little explore; opaque ones stay where they are. Three
+// normals per row take time, so rows above SGSI_NOISE_OPACITY_MOST get none by definition, with
+// every instruction set.
 
 #include "density/position_noise.h"
 

@@ -3,8 +3,8 @@
 
 // Kheradmand et al. 2024, equation 9 and its derivation in the appendix. n coincident Gaussians of
 // opacity o' and scale s' have the profile 1 - (1 - o' g)^n with g = exp(-x^2 / (2 s'^2)) on a line
-// through the centre. It shall have the centre and the integral of one Gaussian of opacity o and
-// scale s:
+// through the centre. Its value at the centre and its integral must be those of one Gaussian of
+// opacity o and scale s:
 //
 //   1 - (1 - o')^n = o                              =>  o' = 1 - (1 - o)^(1/n)
 //   s' sqrt(2 pi) D = o s sqrt(2 pi)                =>  s' = s o / D

@@ -19,7 +19,7 @@ double sgsi_relocation_opacity(double opacity, uint32_t n);
 // Factor on the scales of these n primitives (equation 9).
 double sgsi_relocation_scale(double opacity, uint32_t n);
 
-// Opacities that a primitive may have after a relocation.
+// The opacity, limited to the range after a relocation: 0.005 to 1 - 2^-23.
 double sgsi_relocation_clamp(double opacity);
 
 // Draws rows with replacement, with probabilities proportional to weight [count] (>= 0). drawn

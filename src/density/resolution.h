@@ -11,9 +11,9 @@
 enum { SGSI_RESOLUTION_LEVELS = 32 };
 
 typedef struct sgsi_resolution {
-    int until;                             // full resolution from here on
+    int until;                             // iteration from which on the resolution is full
     double scale[SGSI_RESOLUTION_LEVELS];  // down-scaling, decreasing to 1
-    int begin[SGSI_RESOLUTION_LEVELS + 1]; // iterations
+    int begin[SGSI_RESOLUTION_LEVELS + 1]; // iteration at which each level begins, then `until`
     int decay_begin; // of the position rate: iteration of the first level with a scale below 2
 } sgsi_resolution;
 
@@ -40,7 +40,7 @@ sgsi_resolution sgsi_resolution_half(int until);
 // Whole down-scaling factor >= 1 at an iteration.
 int sgsi_resolution_at(const sgsi_resolution *plan, int iteration);
 
-// Parts of the plan, for tests.
+// Parts of the plan, for tests. Free the spectrum. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum);
 void sgsi_spectrum_free(sgsi_spectrum *spectrum);
 // Energy of the part of the spectrum that an image reduced by `scale` keeps.

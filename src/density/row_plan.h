@@ -29,11 +29,12 @@ typedef struct sgsi_density_plan {
 void sgsi_plan_trim(sgsi_density_plan *plan); // frees the buffer that is not used
 void sgsi_plan_free(sgsi_density_plan *plan); // accepts a zeroed one
 
-// Replaces model and moments by the rows of the plan, with several processes by the own ones of
-// them. Fails with OUT_OF_MEMORY: the model is unusable then. Collective
-// with several processes.
+// Replaces model and moments by the rows of the plan, with several processes by those that this
+// one owns. Fails with OUT_OF_MEMORY; the model is then unusable. Collective with several
+// processes.
 sgs_status sgsi_density_apply(const sgsi_density_rows *rows, const sgsi_density_plan *plan,
                               const sgsi_row_moves *moves, const sgsi_density_options *options);
 
-// The same for the parameters of a model alone, whose rows all stay.
+// The same for the parameters of a model without moments, in place; the plan may only keep rows.
+// Fails with OUT_OF_MEMORY; the model is then unchanged.
 sgs_status sgsi_density_reorder(sgs_gaussians *model, const sgsi_density_plan *plan);

@@ -22,7 +22,7 @@ typedef struct sgsi_schedule {
     // See pipeline.h; 0 = every iteration steps.
     int batch_rest, batch_middle, batch_late, middle_until;
     int sh_interval;          // iterations per additional SH band; 0 = all bands at once
-    double lr_begin, lr_span; // the position rate decays from the first to the second, iterations
+    double lr_begin, lr_span; // first and last iteration of the decay of the position rate
     int anneal_from;          // the other rates decay from this iteration to the end of the run,
     double lr_late;           // to this factor; 1 = constant
     double lr_shape;          // factor on the published rates of rotation and scale

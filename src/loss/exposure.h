@@ -14,7 +14,8 @@ enum {
 
 typedef struct sgsi_exposure sgsi_exposure;
 
-// Identity maps for `count` images of up to plane_floats floats per plane.
+// Identity maps for `count` images of up to plane_floats floats per plane. Fails with
+// OUT_OF_MEMORY; *exposure is then NULL.
 sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, sgsi_exposure **exposure);
 void sgsi_exposure_destroy(sgsi_exposure *exposure); // accepts NULL
 

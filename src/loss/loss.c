@@ -172,8 +172,9 @@ static sgs_status check(const sgsi_loss_input *input, const sgsi_loss_output *ou
                          target->channels);
     if (input->stride % 16 || input->stride < (size_t)input->width)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "loss: stride of %zu floats is less than the width %d", input->stride,
-                         input->width);
+                         "loss: stride of %zu floats is less than the width %d or not a multiple "
+                         "of 16",
+                         input->stride, input->width);
     return SGS_STATUS_OK;
 }
 

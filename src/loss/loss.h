@@ -13,9 +13,11 @@
 
 typedef struct sgsi_loss_workspace sgsi_loss_workspace;
 
+// Fails with OUT_OF_MEMORY; *workspace is then NULL.
 sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace);
 void sgsi_loss_destroy(sgsi_loss_workspace *workspace); // accepts NULL
 // Prepares the workspace for images up to this size, so that sgsi_loss_evaluate does not allocate.
+// Fails with INVALID_ARGUMENT (size) or OUT_OF_MEMORY.
 sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int height);
 
 typedef struct sgsi_loss_input {
@@ -54,6 +56,7 @@ typedef struct sgsi_loss_sums {
 // I = clamp(color + T * background, 0, 1) is compared (without the upper clamp for HDR targets).
 // The gradient is zero where the clamp acts (I > 1 or I < 0). The sums are those of
 // sgsi_loss_cells, added along the curve of the cells: they do not depend on the number of threads.
+// Fails with INVALID_ARGUMENT (a NULL plane, sizes, stride, channels) or OUT_OF_MEMORY.
 sgs_status sgsi_loss_evaluate(sgsi_loss_workspace *workspace, const sgsi_loss_input *input,
                               sgsi_loss_output *output);
 

@@ -21,16 +21,16 @@ typedef struct sgs_rank_renderer sgs_rank_renderer;
 // reads the file in parts; other ranks ignore `path`. The scene must outlive the renderer; its
 // photographs are not used. options NULL = the defaults; filter_3d, progress and differentiable are
 // ignored. Fails as sgs_ply_read, with OUT_OF_MEMORY, INVALID_ARGUMENT (options, one rank) or
-// INTERNAL (Embree); *renderer is then NULL. Collective.
+// UNSUPPORTED (Embree); *renderer is then NULL. Collective.
 SGS_API sgs_status sgs_rank_renderer_create(sgs_ranks *ranks, const sgs_scene *scene,
                                             const char *path, const sgs_render_options *options,
                                             sgs_rank_renderer **renderer);
 SGS_API void sgs_rank_renderer_destroy(sgs_rank_renderer *renderer); // accepts NULL
 
 // Draws a view (index into scene->views) into the colour and transmittance of the frame of rank
-// `receiver`, whose size must be the camera's; other ranks ignore `frame`. own: the status of this
-// rank so far. Fails with UNSUPPORTED (a lens without rays), INVALID_ARGUMENT or OUT_OF_MEMORY.
-// Collective.
+// `receiver`, whose size must be the camera's; other ranks ignore `frame`. The index is not
+// checked. own: the status of this rank so far. Fails as sgs_renderer_render, or as another rank
+// does. Collective.
 SGS_API sgs_status sgs_rank_renderer_render(sgs_rank_renderer *renderer, sgs_status own,
                                             size_t view, int receiver, sgs_frame *frame);
 

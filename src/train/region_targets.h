@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the training of a region compares its images with: the photographs where the region's own
-// primitives make up the image, the initial model's rendering where others do.
+// The target images of a region's training: the photographs where the region's own primitives make
+// up the image, the initial model's rendering where other primitives do.
 
 #include "train/train_view.h"
 

@@ -91,8 +91,8 @@ static inline sgs_ranks_purpose sgsi_train_view_purpose(const sgsi_train_view *v
 }
 
 // Views, tracer and workspaces for the training split of `scene`. scene and options must outlive
-// *views. Fails with OUT_OF_MEMORY, or INVALID_ARGUMENT without a training view; free *views also
-// after a failure.
+// *views. Fails with OUT_OF_MEMORY, UNSUPPORTED (Embree), or INVALID_ARGUMENT without a training
+// view; free *views also after a failure.
 sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
                                    sgsi_train_views *views);
 void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one

@@ -422,14 +422,16 @@ static sgs_status check_ready(const sgs_trainer *trainer)
                          progress->iteration);
     if (trainer->inconsistent)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "step after iteration %d failed; state inconsistent, reload a checkpoint",
+                         "the step after iteration %d failed and left an inconsistent state; load "
+                         "a checkpoint",
                          progress->iteration);
     return SGS_STATUS_OK;
 }
 
 // Continues a run that completed a shorter schedule: its last iteration changed counters only and
-// is repeated, so that the state equals that of a run with the present length. The rate of exposure
-// and the last refreshes of the 3D filter depend on the length and are those of the shorter one.
+// is repeated, so that the state equals that of a run with the present length, except for the
+// averages of loss and PSNR, which include this iteration twice. The rate of exposure and the last
+// refreshes of the 3D filter depend on the length and are those of the shorter one.
 static sgs_status repeat_last(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;

@@ -13,8 +13,9 @@ enum { SGSI_TILE_BYTES = 4 * SGSI_TILE * SGSI_TILE * sizeof(float) }; // of a ti
 // Work of a cell in arbitrary units, the same on every machine, from the costs of the tiles.
 double sgsi_cell_cost(const sgsi_cells *cells, const sgsi_tile_cost *tiles, size_t cell);
 
-// Memory for the cuts of all views; call after the views are created. Without several ranks it does
-// nothing else than setting views->ranks. Fails with OUT_OF_MEMORY or INTERNAL (Embree).
+// Memory for the cuts of all views; call after the views are created. With fewer than two ranks it
+// only sets views->ranks. Fails with OUT_OF_MEMORY or UNSUPPORTED (Embree); the views can then only
+// be freed.
 sgs_status sgsi_view_ranks_create(sgsi_train_views *views, sgs_ranks *ranks);
 void sgsi_view_ranks_free(sgsi_train_views *views);
 

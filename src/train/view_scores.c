@@ -138,7 +138,7 @@ static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgs_photo *pho
     return scores->bytes;
 }
 
-// The mean over channels of |image - photograph|, both in [0, 1].
+// The mean over channels of |image - photograph|, both in [0, 1], or >= 0 for an HDR photograph.
 static sgsi_scored_image error_image(const sgsi_train_view *view, const uint8_t *bytes,
                                      float *error)
 {

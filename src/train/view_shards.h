@@ -8,8 +8,8 @@
 
 #include "train/train_view.h"
 
-// The tracer of the own rows, views->rows, and the lists. Fails with OUT_OF_MEMORY or INTERNAL
-// (Embree). Not collective.
+// The tracer of the own rows, views->rows, and the lists. Fails with OUT_OF_MEMORY or UNSUPPORTED
+// (Embree); free also after a failure. Not collective.
 sgs_status sgsi_view_shards_create(sgsi_train_views *views);
 void sgsi_view_shards_free(sgsi_train_views *views);
 

@@ -44,13 +44,15 @@ static sgs_status choose(const ranking *r, size_t count, size_t wanted)
     return sgsi_select_best(r->score, r->candidate, count, wanted, r->chosen);
 }
 
-// Its row, not only its new ones. Children replace a split row, even if RAP marks it.
+// True if row i is removed without replacement. A split row is replaced by its children, even if
+// RAP marks it.
 static bool loses_row(const sgsi_density_columns *columns, size_t i)
 {
     return columns->action[i] != SGSI_ACTION_SPLIT && sgsi_density_is_removed(columns, i);
 }
 
-// A row whose new rows the pipeline removes is removed, or kept, as one that does not grow.
+// A row whose clone or children the pipeline removes does not grow: a split row is removed, a
+// cloned one treated as without its clone.
 static void drop_empty_growth(sgsi_density_columns *columns)
 {
     for (size_t i = 0; i < columns->count; ++i) {

@@ -11,6 +11,7 @@
 //   statistics gradient sums, sums of absolute gradients, visible counts, largest radii: n each
 //   depth_bounds    per tile of each view; they affect only the cost of a step
 //   order      u32 per training view: the permutation of the current epoch
+//   equilibrium    sums of the losses of each training view in two intervals (spare_view_fit)
 //   exposure   colour maps of the views, their moments and steps; with option exposure
 //   accumulated_grad, accumulated_rows    gradients before a step, as blocks, and the rows that
 //              have any; for steps of several views

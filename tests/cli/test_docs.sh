@@ -5,7 +5,9 @@
 # The examples of README.md and tools/manual/*.md work. Each ```sh and ```console block runs in a temporary folder that
 # holds the bundled scene, one folder per Markdown file. A block directly below the line
 #     <!-- example: REASON -->
-# is not run: it needs data, time, or rights that a test does not have. For every block, run or not, the commands, their
+# is not run: it needs data, time, or rights that a test does not have. One below
+#     <!-- slow example -->
+# is run by test_cli_parts_long. For every block, run or not, the commands, their
 # options, and the scripts of the repository must exist. Also checked: relative links and their anchors, options in
 # running text, the length of README.md. The last part plants faults and checks that they are found.
 set -euo pipefail
@@ -70,8 +72,8 @@ list_blocks() {
         }
         marker { problem("an example marker without a block below it") }
         {
-            marker = /^<!-- example: [^ ].* -->$/ ? $0 : ""
-            if (!marker && /<!-- *example/) problem("a malformed example marker")
+            marker = /^<!-- (example: [^ ].*|slow example) -->$/ ? $0 : ""
+            if (!marker && /<!-- *(slow *)?example/) problem("a malformed example marker")
             if (/^    +(\$ |sparegs |tools\/|cmake )/) problem("commands outside of a fenced block")
         }
         END { if (inside) printf "%s: a code block has no end\n", name }' "$@"
@@ -138,6 +140,7 @@ check_block() {
     name=$(head -n 1 "$block" | cut -f 1)
     line=$(head -n 1 "$block" | cut -f 2)
     marker=$(head -n 1 "$block" | cut -f 4)
+    if is_long && [ "$marker" = "<!-- slow example -->" ]; then marker=; fi
     script_of "$block" >"$block.script"
     [ -s "$block.script" ] || echo "$name:$line: the block has no command"
     bash -n "$block.script" 2>"$block.err" || echo "$name:$line: not a shell script: $(head -n 1 "$block.err")"
@@ -289,6 +292,7 @@ plant "a code block of the language \"\"" "$good${fence}\nsparegs --version\n${f
 plant "neither sh nor console" "$good${fence}text\n\$ sparegs --version\n${fence}\n"
 plant "commands outside of a fenced block" "$good\n    sparegs --version\n"
 plant "marker without a block" "$good\n$mark\n\n${fence}sh\nsparegs --version\n${fence}\n"
+plant "malformed example marker" "$good\n<!-- slow example: reason -->\n${fence}sh\nsparegs --version\n${fence}\n"
 plant "malformed example marker" "$good\n<!-- example -->\n${fence}sh\nsparegs --version\n${fence}\n"
 plant "hides a failure" "${fence}sh\nsparegs info nowhere || true\n${fence}\n"
 plant "a code block has no end" "${fence}sh\nsparegs --version\n"

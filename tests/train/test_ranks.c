@@ -218,6 +218,7 @@ static void compare(training *plan, int least, int most, const char *what)
     result expected, actual[MOST_RANKS];
     train(plan, 0, &expected);
     assert_int_equal(expected.status, SGS_STATUS_OK);
+    assert_true(expected.updates > 1);
     for (int count = least; count <= most; ++count) {
         plan->cut_seed = (uint64_t)count;
         train(plan, count, actual);

@@ -476,21 +476,21 @@ static void dense_optimizer_and_random_background_train_too(void **state)
 static void equilibrium_ends_a_run(void **state)
 {
     (void)state;
-    sgs_train_options options = short_run(3000);
+    sgs_train_options options = short_run(1000);
     options.spare = SGS_SPARE_EDT;
     options.spare_eps_loss = 1;
     options.spare_eps_count = 1; // every check passes in which the loss has not grown
     options.spare_patience = 1;
-    options.spare_interval = 100; // 10 iterations of this run
+    options.spare_interval = 300; // 10 iterations of this run
     sgs_trainer *trainer = trainer_create(scene, &options);
     sgs_step_info info = {0};
     int steps = 0;
-    while (!info.stop && steps < 3000) {
+    while (!info.stop && steps < 1000) {
         info = trainer_run(trainer, 1);
         ++steps;
     }
     assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
-    assert_true(steps < 3000 && steps % 10 == 0);
+    assert_true(steps < 1000 && steps % 10 == 0);
     assert_true(steps > trainer->schedule.densify_until);
     assert_non_null(strstr(sgs_trainer_stop_text(trainer), "stopped at"));
     sgs_trainer_destroy(trainer);

@@ -13,10 +13,14 @@
 #include <civetweb.h>
 #include <errno.h>
 #include <netinet/in.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
 #include <sys/socket.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "cli/async_task.h"
@@ -309,10 +313,45 @@ const char *view_server_url(const view_server *server)
     return server->url;
 }
 
+typedef struct stop_call {
+    const view_address *address;
+    int port;
+    atomic_bool returned;
+} stop_call;
+
+// Connects to the server until mg_stop has returned. CivetWeb's thread that waits for connections
+// looks at the request to stop after each connection, otherwise every 2 s.
+static void *wake_listener(void *context)
+{
+    stop_call *const call = context;
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons((uint16_t)call->port)};
+    inet_pton(AF_INET, call->address->host, &to.sin_addr);
+    while (!atomic_load(&call->returned)) {
+        const int connection = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+        if (connection >= 0) {
+            (void)!connect(connection, (const struct sockaddr *)&to, sizeof to);
+            close(connection);
+        }
+        nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+    }
+    return NULL;
+}
+
+static void stop_context(const view_server *server)
+{
+    stop_call call = {.address = &server->options.address, .port = server->rules.port};
+    pthread_t waker;
+    const bool woken = !pthread_create(&waker, NULL, wake_listener, &call);
+    mg_stop(server->context);
+    atomic_store(&call.returned, true);
+    if (woken)
+        pthread_join(waker, NULL);
+}
+
 void view_server_stop(view_server *server)
 {
     if (server && server->context)
-        mg_stop(server->context);
+        stop_context(server);
     if (server)
         free(server->url);
     free(server);

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "sparegs/gaussians.h"
+#include "sparegs/image.h"
 #include "sparegs/render.h"
 #include "sparegs/scene.h"
 
@@ -72,6 +73,11 @@ typedef struct sgs_compress_options {
 
     double step_scale; // FCGS-like: factor on all quantiser steps
 
+    // Marks, recorded in the file if they are not the defaults: the model was trained with
+    // Mip-Splatting's filters, and the meaning of its colours.
+    bool antialiased;
+    sgs_model_colors colors;
+
     // Called with the name of the current stage and its progress, or NULL. Returning false
     // cancels.
     bool (*progress)(void *user, const char *stage, size_t done, size_t total);
@@ -87,6 +93,8 @@ typedef struct sgs_compress_info {
     size_t gaussians; // primitives in the file
     size_t bytes;     // size of the file
     int sh_degree;    // of the model in the file
+    bool antialiased; // marks of the file; see sgs_compress_options
+    sgs_model_colors colors;
 } sgs_compress_info;
 
 // The name of a method, as on the command line: "lightgaussian"; NULL for an unknown one.

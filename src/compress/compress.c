@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "compress/compress_method.h"
+#include "formats/model_rows.h"
 
 // In the order of sgs_compress_method.
 static const sgsi_compress_method *const methods[] = {
@@ -35,7 +36,60 @@ const char *sgs_compress_method_name(sgs_compress_method method)
     return (unsigned)method < NAME_COUNT ? names[method] : NULL;
 }
 
+// ---- Marks ----
+
+// Section "marks": 1 byte each for antialiased, colours named, and their space; 5 bytes of 0; the
+// white point as a double. Absent if all are 0.
+static const char MARKS[] = "marks";
+enum { MARKS_BYTES = 16 };
+
+static void write_marks(sgsi_packer *packer, const sgs_compress_options *options)
+{
+    const sgs_model_colors *colors = &options->colors;
+    const bool linear = colors->named && colors->space == SGS_SPACE_LINEAR;
+    if (!options->antialiased && !linear && !(colors->white_point > 0.0))
+        return;
+    uint8_t bytes[MARKS_BYTES] = {options->antialiased, colors->named, (uint8_t)colors->space};
+    uint64_t white;
+    memcpy(&white, &colors->white_point, sizeof white);
+    sgsi_store_u64(bytes + 8, white);
+    sgsi_packer_add(packer, MARKS, bytes, sizeof bytes, false);
+}
+
+static sgs_status read_marks(sgsi_container *container, bool *antialiased, sgs_model_colors *colors)
+{
+    *antialiased = false;
+    *colors = (sgs_model_colors){0};
+    if (!sgsi_container_has(container, MARKS))
+        return SGS_STATUS_OK;
+    const uint8_t *bytes;
+    const sgs_status status = sgsi_container_take(container, MARKS, MARKS_BYTES, &bytes, NULL);
+    if (status)
+        return status;
+    const uint64_t bits = sgsi_load_u64(bytes + 8);
+    double white;
+    memcpy(&white, &bits, sizeof white);
+    if (bytes[0] > 1 || bytes[1] > 1 || bytes[2] > SGS_SPACE_LINEAR ||
+        !(white >= 0.0 && isfinite(white)))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' has an unknown value",
+                         container->path, MARKS);
+    *antialiased = bytes[0];
+    *colors =
+        (sgs_model_colors){.named = bytes[1], .space = (sgs_space)bytes[2], .white_point = white};
+    return SGS_STATUS_OK;
+}
+
 // ---- Compression ----
+
+static sgs_status check_marks(const sgs_model_colors *colors)
+{
+    if ((unsigned)colors->space <= SGS_SPACE_LINEAR && colors->white_point >= 0.0 &&
+        isfinite(colors->white_point))
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                     "option colors has an unknown space, or a white point that is negative or "
+                     "not finite");
+}
 
 static sgs_status check_ranges(const sgs_compress_options *o)
 {
@@ -116,6 +170,8 @@ static sgs_status encode(const sgsi_compress_method *method, const sgs_gaussians
     packer->header.sh_degree = (uint32_t)model->sh_degree;
     if (!status)
         status = method->encode(&job);
+    if (!status)
+        write_marks(packer, options);
     sgsi_free(job.rows);
     return status;
 }
@@ -128,6 +184,8 @@ sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *
     sgs_status status = sgsi_options_read(options, "sgs_compress_options", &own, sizeof own);
     if (!status)
         status = check_ranges(&own);
+    if (!status)
+        status = check_marks(&own.colors);
     if (!status)
         status = find_method(own.method, &method);
     if (!status && !model->count)
@@ -147,7 +205,9 @@ sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *
                                     .input = model->count,
                                     .gaussians = packer.header.count,
                                     .bytes = bytes,
-                                    .sh_degree = (int)packer.header.sh_degree};
+                                    .sh_degree = (int)packer.header.sh_degree,
+                                    .antialiased = own.antialiased,
+                                    .colors = own.colors};
     return status;
 }
 
@@ -184,7 +244,11 @@ static sgs_status decode(sgsi_container *container, sgs_gaussians **model, sgs_c
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: version %u of method '%s' is unknown; this program reads version %u",
                          container->path, header->version, header->method, methods[m]->version);
-    sgs_status status = methods[m]->decode(container, model);
+    bool antialiased;
+    sgs_model_colors colors;
+    sgs_status status = read_marks(container, &antialiased, &colors);
+    if (!status)
+        status = methods[m]->decode(container, model);
     if (!status)
         status = check_decoded(container->path, *model);
     if (!status && info)
@@ -192,7 +256,9 @@ static sgs_status decode(sgsi_container *container, sgs_gaussians **model, sgs_c
                                     .input = header->input,
                                     .gaussians = header->count,
                                     .bytes = container->size,
-                                    .sh_degree = (int)header->sh_degree};
+                                    .sh_degree = (int)header->sh_degree,
+                                    .antialiased = antialiased,
+                                    .colors = colors};
     return status;
 }
 

@@ -401,6 +401,72 @@ static void cancelling_leaves_the_old_file(void **state)
     temp_folder_remove(&folder);
 }
 
+// Position of the section with these marks in a file, or SIZE_MAX.
+static size_t find_marks(const unsigned char *bytes, size_t size)
+{
+    static const unsigned char marks[16] = {1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x10, 0x40};
+    const unsigned char *at = memmem(bytes, size, marks, sizeof marks);
+    return at ? (size_t)(at - bytes) : SIZE_MAX;
+}
+
+static void marks_are_kept(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = pack_model(COUNT, 1, 9), *decoded;
+    const char *path = temp_path(&folder, "pack");
+    sgs_compress_info info;
+    size_t size;
+    for (int m = 0; m < TESTED; ++m) {
+        sgs_compress_options options = options_of(tested[m], 3);
+        options.antialiased = true;
+        options.colors = (sgs_model_colors){true, SGS_SPACE_LINEAR, 4.0};
+        assert_int_equal(sgs_compress(model, &options, path, &info), SGS_STATUS_OK);
+        memset(&info, 0, sizeof info);
+        assert_int_equal(sgs_decompress(path, &decoded, &info), SGS_STATUS_OK);
+        sgs_gaussians_destroy(decoded);
+        assert_true(info.antialiased && info.colors.named);
+        assert_int_equal(info.colors.space, SGS_SPACE_LINEAR);
+        assert_true(info.colors.white_point == 4.0);
+    }
+    static const struct {
+        size_t at;
+        unsigned char value;
+    } wrong[] = {{0, 2}, {1, 2}, {2, 2}, {15, 0xC0}, {15, 0x7F}}; // the last: 2^1009, still finite
+    unsigned char *bytes = file_get(path, &size);
+    const size_t marks = find_marks(bytes, size);
+    assert_true(marks < size);
+    for (size_t k = 0; k < sizeof wrong / sizeof *wrong; ++k) {
+        const unsigned char kept = bytes[marks + wrong[k].at];
+        bytes[marks + wrong[k].at] = wrong[k].value;
+        pack_reseal(bytes, size);
+        file_put(path, bytes, size);
+        bytes[marks + wrong[k].at] = kept;
+        const sgs_status status = sgs_decompress(path, &decoded, NULL);
+        sgs_gaussians_destroy(decoded);
+        assert_int_equal(status, k < 4 ? SGS_STATUS_FORMAT : SGS_STATUS_OK);
+        assert_true(k == 4 || strstr(sgs_last_error(), "section 'marks'"));
+    }
+    free(bytes);
+    // The usual model has no such section.
+    sgs_compress_options options = options_of(SGS_COMPRESS_GHAP, 3);
+    options.colors.named = true;
+    assert_int_equal(sgs_compress(model, &options, path, NULL), SGS_STATUS_OK);
+    bytes = file_get(path, &size);
+    assert_null(memmem(bytes, size, "marks", 5));
+    free(bytes);
+    assert_int_equal(sgs_decompress(path, &decoded, &info), SGS_STATUS_OK);
+    assert_false(info.antialiased || info.colors.named || info.colors.white_point > 0.0);
+    sgs_gaussians_destroy(decoded);
+    options.colors.white_point = (double)NAN;
+    assert_int_equal(sgs_compress(model, &options, path, NULL), SGS_STATUS_INVALID_ARGUMENT);
+    options.colors.white_point = 0.0;
+    options.colors.space = (sgs_space)2;
+    assert_int_equal(sgs_compress(model, &options, path, NULL), SGS_STATUS_INVALID_ARGUMENT);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -411,6 +477,7 @@ int main(void)
         cmocka_unit_test(changed_contents_never_give_broken_models),
         cmocka_unit_test(invalid_options_are_refused),
         cmocka_unit_test(cancelling_leaves_the_old_file),
+        cmocka_unit_test(marks_are_kept),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -110,9 +110,12 @@ run 0 eval "$temporary/merged" "$room" --json
 json "$temporary/stdout" "[.images[].name] == $held_out and .mean.psnr > 10"
 run 0 info "$temporary/merged" --json
 run 0 render "$temporary/merged" "$room" --view "$(jq -r '.[0]' <<<"$held_out")" -o "$temporary/frames" --format png
+touch "$temporary/merged/config.json.tmp.77" "$temporary/merged/frame.tmp.0001"
 run 1 merge "$dir" -o "$temporary/merged"
 reports "merged: already contains a run; replace it with --overwrite"
+check a_refused_merge_removes_nothing test -e "$temporary/merged/config.json.tmp.77" -a -e "$temporary/merged/frame.tmp.0001"
 run 0 merge "$dir" "$room" -o "$temporary/merged" --overwrite --seam-images 2 --seam-reference none --json
+check leftovers_of_a_killed_merge_are_removed test ! -e "$temporary/merged/config.json.tmp.77" -a -e "$temporary/merged/frame.tmp.0001"
 json "$temporary/stdout" '.seams.images == 2 and .seams.reference_psnr_seam == null'
 check stdout_is_the_summary test "$(jq -Sc . "$temporary/stdout")" = "$(jq -Sc . "$temporary/merged/summary.json")"
 run 0 merge "$dir" -o "$temporary/without" --seam-images 0

@@ -183,11 +183,18 @@ run 0 train "${data[@]}" -o "$out" --iterations 400 --spare bmd,rap --resume
 reports "--spare was bmd,rap,edt and is bmd,rap from iteration $((at + 1)) on"
 json "$out/summary.json" '.stop_reason == "schedule" and .iterations == 400'
 
-# leftovers_of_a_killed_run_are_removed, other files stay
-touch "$out/checkpoint/state.next.bin.tmp.123" "$out/config.json.tmp.77" "$out/notes.tmp.txt" "$out/keep.me"
+# leftovers_of_a_killed_run_are_removed, other files stay, and all stay if the run is refused
+cloud=$(dirname "$(find "$out/point_cloud" -name point_cloud.ply -print -quit)")
+mkdir -p "$out/nested/checkpoint"
+leftovers=("$out/checkpoint/state.next.bin.tmp.123" "$out/config.json.tmp.77" "$cloud/point_cloud.ply.tmp.7")
+kept=("$out/notes.tmp.txt" "$out/keep.me" "$out/frame.tmp.0001" "$out/config.json.tmp.7b" "$out/.sparegs.notes"
+    "$out/nested/config.json.tmp.8" "$out/nested/checkpoint/state.next.bin.tmp.9")
+touch "${leftovers[@]}" "${kept[@]}"
+run 1 train "${data[@]}" -o "$out" --iterations 2 --quiet
+for file in "${leftovers[@]}"; do check "a_refused_run_removes_nothing: $file" test -e "$file"; done
 run 0 train "${data[@]}" -o "$out" --iterations 2 --quiet --overwrite
-check no_temporary_file_is_left test -z "$(find "$out" -name '*.tmp.[0-9]*')"
-check other_files_stay test -e "$out/keep.me" -a -e "$out/notes.tmp.txt"
+check no_temporary_file_is_left test -z "$(find "$out" -name '*.tmp.123' -o -name '*.tmp.77' -o -name '*.tmp.7')"
+for file in "${kept[@]}"; do check "other_files_stay: $file" test -e "$file"; done
 
 # a_damaged_checkpoint_is_replaced_by_the_previous_one
 rm -rf "$out"

@@ -233,6 +233,7 @@ static int merge(merging *m, const command_line *line)
         return EXIT_FAILED;
     if (run_folder_is_used(&m->folder) && !m->values->overwrite)
         return fail_run("%s: already contains a run; replace it with --overwrite", out);
+    run_folder_clean(&m->folder);
     if (!write_run(m) || !compare_seams(m) || !report(m))
         return EXIT_FAILED;
     return interrupt_status();

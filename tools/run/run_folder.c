@@ -9,10 +9,11 @@
 
 #include "run/run_folder.h"
 
-#include <inttypes.h>
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
@@ -50,22 +51,6 @@ static bool lock_folder(run_folder *folder)
     print_warning("%s: cannot lock the folder against a second training: %s", folder->path,
                   strerror(errno));
     return true;
-}
-
-// True for NAME.tmp.PID, the name of a file while it is written.
-static bool is_temporary(const char *name)
-{
-    const char *mark = strstr(name, ".tmp.");
-    return (mark && mark[5] && mark[5 + strspn(mark + 5, "0123456789")] == 0) ||
-           !strncmp(name, ".sparegs.", 9);
-}
-
-static int remove_temporary(const char *path, const struct stat *info, int kind, struct FTW *place)
-{
-    (void)info;
-    if (kind == FTW_F && is_temporary(path + place->base))
-        unlink(path);
-    return 0;
 }
 
 bool run_folder_is_used(const run_folder *folder)
@@ -203,8 +188,62 @@ bool run_folder_prepare(run_folder *folder, const char *path)
     *folder = (run_folder){.path = path, .lock = -1};
     if (!make_folder(path) || !lock_folder(folder))
         return false;
-    nftw(path, remove_temporary, 8, FTW_PHYS | FTW_MOUNT);
     return check_writable(path) && finish_move(folder);
+}
+
+// ---- Temporary files of a killed process ----
+
+// True for NAME.tmp.PID, where NAME is one of the names: a file while it is written.
+static bool is_temporary(const char *name, const char *const names[], size_t count)
+{
+    for (size_t k = 0; k < count; ++k) {
+        const size_t length = strlen(names[k]);
+        const char *mark = name + length;
+        if (!strncmp(name, names[k], length) && !strncmp(mark, ".tmp.", 5) && mark[5] &&
+            !mark[5 + strspn(mark + 5, "0123456789")])
+            return true;
+    }
+    return false;
+}
+
+static void remove_temporaries(const char *folder, const char *const names[], size_t count)
+{
+    DIR *stream = opendir(folder);
+    for (const struct dirent *entry; stream && (entry = readdir(stream));) {
+        struct stat info;
+        if (is_temporary(entry->d_name, names, count) &&
+            !fstatat(dirfd(stream), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) &&
+            S_ISREG(info.st_mode))
+            unlinkat(dirfd(stream), entry->d_name, 0);
+    }
+    if (stream)
+        closedir(stream);
+}
+
+void run_folder_clean(const run_folder *folder)
+{
+    static const char *const own[] = {"config.json",   "cameras.json", "input.ply",
+                                      "train.csv",     "spare.csv",    "summary.json",
+                                      "exposure.json", "regions.bin",  "experiment.json"};
+    static const char *const saved[] = {"state.next.bin", "sums.csv"};
+    static const char *const models[] = {"point_cloud.ply", "point_cloud_filter_3D.ply"};
+    static const char iteration[] = "iteration_";
+    char *checkpoint = format_text("%s/checkpoint", folder->path),
+         *clouds = format_text("%s/point_cloud", folder->path);
+    remove_temporaries(folder->path, own, sizeof own / sizeof *own);
+    remove_temporaries(checkpoint, saved, sizeof saved / sizeof *saved);
+    DIR *stream = opendir(clouds);
+    for (const struct dirent *entry; stream && (entry = readdir(stream));) {
+        if (strncmp(entry->d_name, iteration, strlen(iteration)))
+            continue;
+        char *cloud = format_text("%s/%s", clouds, entry->d_name);
+        remove_temporaries(cloud, models, sizeof models / sizeof *models);
+        free(cloud);
+    }
+    if (stream)
+        closedir(stream);
+    free(checkpoint);
+    free(clouds);
 }
 
 void run_folder_leave(const run_folder *folder)

@@ -20,9 +20,12 @@ typedef struct run_folder {
     double checkpoint_total;                // total time to save checkpoints
 } run_folder;
 
-// Creates the folder, locks it until the process ends, removes temporary files of a killed run and
-// checks that the folder is writable.
+// Creates the folder, locks it until the process ends and checks that it is writable.
 bool run_folder_prepare(run_folder *folder, const char *path);
+
+// Removes the temporary files that a killed process left in the folder, which is locked:
+// NAME.tmp.PID of the files of a run, and no other file. Ignores errors.
+void run_folder_clean(const run_folder *folder);
 
 // Removes the folder if it is empty.
 void run_folder_leave(const run_folder *folder);

@@ -153,6 +153,8 @@ bool run_record_claim(run_folder *folder, const char *out, bool resume, bool ove
                  "--overwrite",
                  out);
     }
+    if (claimed)
+        run_folder_clean(folder);
     free(config_path);
     return claimed;
 }

@@ -260,19 +260,22 @@ sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
     return SGS_STATUS_OK;
 }
 
-// A rename is durable once its folder is synced. Best effort: some file systems do not sync
-// folders.
+void sgsi_folder_sync(const char *path)
+{
+    const int descriptor = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (descriptor < 0)
+        return;
+    fsync(descriptor);
+    close(descriptor);
+}
+
 static void sync_folder_of(const char *path)
 {
     char folder[4096] = ".";
     const char *slash = strrchr(path, '/');
     if (slash)
         snprintf(folder, sizeof folder, "%.*s", (int)(slash - path + (slash == path)), path);
-    const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (descriptor < 0)
-        return;
-    fsync(descriptor);
-    close(descriptor);
+    sgsi_folder_sync(folder);
 }
 
 sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)

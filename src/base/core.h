@@ -99,6 +99,9 @@ bool sgsi_is_folder(const char *path);
 // OUT_OF_MEMORY.
 sgs_status sgsi_make_folder(const char *path);
 
+// Makes renames in the folder durable. Best effort: some file systems do not sync folders.
+void sgsi_folder_sync(const char *path);
+
 // Monotonic clock in seconds.
 double sgsi_seconds(void);
 

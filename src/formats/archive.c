@@ -233,17 +233,3 @@ sgs_status sgsi_archive_write(const char *path, const sgsi_archive_file *files, 
     *written += total;
     return status;
 }
-
-sgs_status sgsi_archive_write_folder(const char *folder, const sgsi_archive_file *files,
-                                     size_t count, uint64_t *written)
-{
-    sgs_status status = sgsi_make_folder(folder);
-    for (size_t k = 0; !status && k < count; ++k) {
-        char *path = sgsi_format("%s/%s", folder, files[k].name);
-        status = path ? sgsi_file_write(path, files[k].bytes, files[k].size)
-                      : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", folder);
-        sgsi_free(path);
-        *written += files[k].size;
-    }
-    return status;
-}

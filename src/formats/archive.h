@@ -44,6 +44,3 @@ typedef struct sgsi_archive_file {
 // Writes the files as one ZIP file with stored entries, atomically. Fails with LIMIT from 4 GiB on.
 sgs_status sgsi_archive_write(const char *path, const sgsi_archive_file *files, size_t count,
                               uint64_t *written);
-// Writes the files into a folder, which is created; each one atomically, the last one last.
-sgs_status sgsi_archive_write_folder(const char *folder, const sgsi_archive_file *files,
-                                     size_t count, uint64_t *written);

@@ -6,6 +6,7 @@
 // writing side. sog_lod.c combines several.
 
 #include "formats/archive.h"
+#include "formats/model_folder.h"
 #include "formats/model_rows.h"
 #include "formats/webp_image.h"
 #include "base/progress_calls.h"
@@ -58,3 +59,11 @@ sgs_status sgsi_sog_encode(const sgs_gaussians *model, const uint32_t *order, si
 sgs_status sgsi_sog_encode_model(const sgs_gaussians *model, const sgs_model_write_options *options,
                                  sgsi_archive_file files[SGSI_SOG_FILES], size_t *file_count);
 void sgsi_sog_files_free(sgsi_archive_file files[SGSI_SOG_FILES]);
+
+// Stages the files of a SOG model. `unit` is "" or the folder of a unit with its slash: "0_0/".
+// Fails with IO or OUT_OF_MEMORY.
+sgs_status sgsi_sog_put(sgsi_model_folder *folder, const char *unit, const sgsi_archive_file *files,
+                        size_t count, uint64_t *written);
+// Marks the files of an earlier SOG model, if there is one, for removal; see
+// sgsi_model_folder_drop.
+sgs_status sgsi_sog_drop(sgsi_model_folder *folder, const char *unit);

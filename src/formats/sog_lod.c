@@ -31,6 +31,7 @@ enum {
 };
 
 static const double LONG_SIDE = 16.0;
+static const char manifest_name[] = "lod-meta.json";
 
 // ---- Reading ----
 
@@ -356,7 +357,7 @@ sgs_status sgsi_lod_sog_read(const char *path, const sgs_model_read_options *opt
 typedef struct lod_writer {
     const sgs_gaussians *model;
     const sgs_model_write_options *options;
-    const char *folder;
+    sgsi_model_folder folder;
     uint32_t *rows; // Morton order, then grouped by leaf
     uint8_t *last;  // [count] coarsest level of each row
     sgsi_progress *progress;
@@ -373,15 +374,14 @@ static sgs_status close_unit(lod_writer *writer, int level)
 {
     sgsi_archive_file files[SGSI_SOG_FILES] = {0};
     size_t file_count = 0;
-    char *folder = sgsi_format("%s/%d_%zu", writer->folder, level, writer->closed[level]);
+    char unit[32];
+    snprintf(unit, sizeof unit, "%d_%zu/", level, writer->closed[level]);
     sgs_status status =
-        folder ? sgsi_sog_encode(writer->model, writer->open[level], writer->open_count[level],
-                                 writer->options, writer->progress, files, &file_count)
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->folder);
+        sgsi_sog_encode(writer->model, writer->open[level], writer->open_count[level],
+                        writer->options, writer->progress, files, &file_count);
     if (!status)
-        status = sgsi_archive_write_folder(folder, files, file_count, &writer->bytes);
+        status = sgsi_sog_put(&writer->folder, unit, files, file_count, &writer->bytes);
     sgsi_sog_files_free(files);
-    sgsi_free(folder);
     writer->open_count[level] = 0;
     ++writer->closed[level];
     return status;
@@ -535,13 +535,42 @@ static sgs_status write_manifest(lod_writer *writer, json_t *tree)
     json_decref(counts);
     char *text = json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(JSON_DIGITS));
     json_decref(root);
-    char *path = sgsi_format("%s/lod-meta.json", writer->folder);
-    const sgs_status status =
-        text && path
-            ? sgsi_file_write(path, (const uint8_t *)text, strlen(text))
-            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->folder);
+    const sgs_status status = text ? sgsi_model_folder_put(&writer->folder, manifest_name,
+                                                           (const uint8_t *)text, strlen(text))
+                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                               "%s: no memory to write it", writer->folder.path);
     writer->bytes += text ? strlen(text) : 0;
     free(text);
+    return status;
+}
+
+// Marks the units of an earlier model in the folder for removal: those that its manifest names and
+// that have the names of written units. A manifest that cannot be read marks none.
+static sgs_status drop_units(lod_writer *writer)
+{
+    uint8_t *text = NULL;
+    size_t size = 0, k;
+    const json_t *entry;
+    sgs_status status = SGS_STATUS_OK;
+    char *path = sgsi_format("%s/%s", writer->folder.path, manifest_name);
+    json_t *root = path && !sgsi_file_read(path, 0, &text, &size)
+                       ? json_loadb((const char *)text, size, JSON_REJECT_DUPLICATES, NULL)
+                       : NULL;
+    json_array_foreach(json_object_get(root, "filenames"), k, entry)
+    {
+        const char *name = json_string_value(entry) ? json_string_value(entry) : "";
+        int level = -1;
+        size_t number = 0;
+        char unit[32], meta[48];
+        if (sscanf(name, "%2d_%8zu/", &level, &number) != 2)
+            continue;
+        snprintf(unit, sizeof unit, "%d_%zu/", level, number);
+        snprintf(meta, sizeof meta, "%smeta.json", unit);
+        if (!status && !strcmp(name, meta))
+            status = sgsi_sog_drop(&writer->folder, unit);
+    }
+    json_decref(root);
+    sgsi_free(text);
     sgsi_free(path);
     return status;
 }
@@ -557,7 +586,8 @@ static sgs_status write_levels(lod_writer *writer)
         room = room && writer->open[level];
     }
     if (!status && !room)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->folder);
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->folder.path);
     if (!status)
         status = rank_rows(writer);
     json_t *tree = json_object();
@@ -568,6 +598,8 @@ static sgs_status write_levels(lod_writer *writer)
             status = close_unit(writer, level);
     if (!status)
         status = write_manifest(writer, tree);
+    if (!status)
+        status = drop_units(writer);
     json_decref(tree);
     return status;
 }
@@ -581,7 +613,6 @@ sgs_status sgsi_lod_sog_write(const char *path, const sgs_gaussians *model,
     char *folder = sgsi_sog_folder(path);
     lod_writer writer = {.model = model,
                          .options = options,
-                         .folder = folder,
                          .progress = &progress,
                          .names = json_array(),
                          .levels = options->lod_levels};
@@ -589,9 +620,14 @@ sgs_status sgsi_lod_sog_write(const char *path, const sgs_gaussians *model,
         --writer.levels; // the coarsest level has a primitive
     sgsi_progress_begin(&progress, options->progress, options->progress_user,
                         (size_t)writer.levels * sgsi_sog_steps(model, options));
-    const sgs_status status =
-        folder ? write_levels(&writer)
+    sgs_status status =
+        folder ? sgsi_model_folder_open(&writer.folder, folder, manifest_name)
                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    if (!status)
+        status = write_levels(&writer);
+    if (!status)
+        status = sgsi_model_folder_commit(&writer.folder);
+    sgsi_model_folder_close(&writer.folder);
     sgsi_progress_end(&progress);
     for (int level = 0; level < MAX_LEVELS; ++level)
         sgsi_free(writer.open[level]);

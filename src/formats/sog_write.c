@@ -23,6 +23,7 @@ static const double SQRT_2 = 1.41421356237309505;
 static const char *const texture_names[SGSI_SOG_TEXTURES] = {
     "means_l.webp", "means_u.webp",       "scales.webp",    "quats.webp",
     "sh0.webp",     "shN_centroids.webp", "shN_labels.webp"};
+static const char meta_name[] = "meta.json";
 
 typedef struct sog_writer {
     const sgs_gaussians *model;
@@ -263,7 +264,7 @@ static sgs_status write_meta(const sog_writer *writer, sgsi_archive_file *file)
     if (file->bytes)
         memcpy(file->bytes, text, file->size);
     free(text);
-    snprintf(file->name, sizeof file->name, "meta.json");
+    snprintf(file->name, sizeof file->name, "%s", meta_name);
     return file->bytes ? SGS_STATUS_OK
                        : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for meta.json");
 }
@@ -348,6 +349,49 @@ void sgsi_sog_files_free(sgsi_archive_file files[SGSI_SOG_FILES])
     }
 }
 
+sgs_status sgsi_sog_put(sgsi_model_folder *folder, const char *unit, const sgsi_archive_file *files,
+                        size_t count, uint64_t *written)
+{
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t k = 0; k < count && !status; ++k) {
+        char name[96];
+        snprintf(name, sizeof name, "%s%s", unit, files[k].name);
+        status = sgsi_model_folder_put(folder, name, files[k].bytes, files[k].size);
+        *written += files[k].size;
+    }
+    return status;
+}
+
+sgs_status sgsi_sog_drop(sgsi_model_folder *folder, const char *unit)
+{
+    char *meta = sgsi_format("%s/%s%s", folder->path, unit, meta_name);
+    const bool is_model = meta && sgsi_is_file(meta);
+    sgsi_free(meta);
+    sgs_status status = SGS_STATUS_OK;
+    for (int k = 0; is_model && k < SGSI_SOG_FILES && !status; ++k) {
+        char name[96];
+        snprintf(name, sizeof name, "%s%s", unit,
+                 k < SGSI_SOG_TEXTURES ? texture_names[k] : meta_name);
+        status = sgsi_model_folder_drop(folder, name);
+    }
+    return status;
+}
+
+static sgs_status write_folder(const char *path, const sgsi_archive_file *files, size_t count,
+                               uint64_t *written)
+{
+    sgsi_model_folder folder;
+    sgs_status status = sgsi_model_folder_open(&folder, path, meta_name);
+    if (!status)
+        status = sgsi_sog_put(&folder, "", files, count, written);
+    if (!status)
+        status = sgsi_sog_drop(&folder, "");
+    if (!status)
+        status = sgsi_model_folder_commit(&folder);
+    sgsi_model_folder_close(&folder);
+    return status;
+}
+
 sgs_status sgsi_sog_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written)
 {
@@ -360,7 +404,7 @@ sgs_status sgsi_sog_write(const char *path, const sgs_gaussians *model,
                                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);
     if (!status)
         status = strcmp(folder, path)
-                     ? sgsi_archive_write_folder(folder, files, file_count, &written->bytes)
+                     ? write_folder(folder, files, file_count, &written->bytes)
                      : sgsi_archive_write(path, files, file_count, &written->bytes);
     written->order = SGS_ROWS_MORTON;
     sgsi_sog_files_free(files);

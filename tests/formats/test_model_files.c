@@ -61,6 +61,115 @@ static void lod_levels_are_nested(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// Hash of the model at `path` at a level of detail.
+static void read_hash(const char *path, int lod, char hash[17])
+{
+    sgs_model_read_options options = sgs_model_read_options_default();
+    sgs_gaussians *model;
+    options.lod = lod;
+    if (sgs_model_read(path, &options, &model, NULL))
+        fail_msg("%s", sgs_last_error());
+    sgs_gaussians_hash(model, hash);
+    sgs_gaussians_destroy(model);
+}
+
+static size_t size_of(const char *path)
+{
+    struct stat info;
+    assert_int_equal(stat(path, &info), 0);
+    return (size_t)info.st_size;
+}
+
+static void a_sog_folder_is_replaced_as_a_whole(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *first = model_random(400, 3), *second = model_random(400, 0);
+    char path[512], before[17], after[17];
+    for (size_t i = 0; i < second->count; ++i)
+        *sgs_gaussians_at(second, i, SGS_PARAM_MEAN) *= 3; // other textures and other bounds
+    snprintf(path, sizeof path, "%s/meta.json", folder.path);
+    assert_int_equal(sgs_model_write(path, first, NULL, NULL), SGS_STATUS_OK);
+    file_put(temp_path(&folder, "notes.txt"), "x", 1);
+    read_hash(path, 0, before);
+    const size_t files = temp_folder_count(&folder);
+    // The textures fit, the manifest does not.
+    assert_true(size_of(temp_path(&folder, "means_l.webp")) < 2000 && size_of(path) > 4000);
+    files_limited(2000);
+    const sgs_status status = sgs_model_write(path, second, NULL, NULL);
+    files_unlimited();
+    assert_int_equal(status, SGS_STATUS_IO);
+    assert_non_null(strstr(sgs_last_error(), "/meta.json: cannot be written: "));
+    assert_null(strstr(sgs_last_error(), ".tmp."));
+    read_hash(path, 0, after);
+    assert_string_equal(before, after);
+    assert_int_equal(temp_folder_count(&folder), files);
+    // Files of the earlier model go with it, others stay.
+    assert_int_equal(sgs_model_write(path, second, NULL, NULL), SGS_STATUS_OK);
+    read_hash(path, 0, before);
+    assert_string_not_equal(before, after);
+    assert_int_equal(temp_folder_count(&folder), files - 2); // shN_centroids, shN_labels
+    assert_int_equal(size_of(temp_path(&folder, "notes.txt")), 1);
+    // A rename fails after others have succeeded.
+    assert_int_equal(mkdir(temp_path(&folder, "shN_labels.webp"), 0777), 0);
+    assert_int_equal(sgs_model_write(path, first, NULL, NULL), SGS_STATUS_IO);
+    assert_non_null(strstr(sgs_last_error(), "/shN_labels.webp: is a folder and cannot be"));
+    read_hash(path, 0, after);
+    assert_string_equal(before, after);
+    assert_int_equal(temp_folder_count(&folder), files - 1);
+    sgs_gaussians_destroy(first);
+    sgs_gaussians_destroy(second);
+    tree_remove(&folder);
+}
+
+static bool stop_at_once(void *user, size_t done, size_t total)
+{
+    (void)user, (void)total;
+    return done < 20;
+}
+
+static void levels_of_detail_are_replaced_as_a_whole(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *first = model_random(400, 1), *second = model_random(300, 1);
+    sgs_model_write_options options = sgs_model_write_options_default();
+    char path[512], before[2][17], after[17];
+    snprintf(path, sizeof path, "%s/lod-meta.json", folder.path);
+    options.lod_levels = 3;
+    assert_int_equal(sgs_model_write(path, first, &options, NULL), SGS_STATUS_OK);
+    file_put(temp_path(&folder, "1_0/notes.txt"), "x", 1);
+    for (int level = 0; level < 2; ++level)
+        read_hash(path, level, before[level]);
+    const size_t files = temp_folder_count(&folder);
+    for (int stopped = 0; stopped < 2; ++stopped) { // by a full disk, by the user in level 1
+        options.progress = stopped ? stop_at_once : NULL;
+        if (!stopped)
+            files_limited(2000);
+        const sgs_status status = sgs_model_write(path, second, &options, NULL);
+        files_unlimited();
+        assert_int_equal(status, stopped ? SGS_STATUS_CANCELLED : SGS_STATUS_IO);
+        for (int level = 0; level < 2; ++level) {
+            read_hash(path, level, after);
+            assert_string_equal(before[level], after);
+        }
+        assert_int_equal(temp_folder_count(&folder), files);
+    }
+    // Units of the earlier model go with it, other files stay.
+    options.progress = NULL;
+    options.lod_levels = 1;
+    assert_int_equal(sgs_model_write(path, second, &options, NULL), SGS_STATUS_OK);
+    read_hash(path, 0, after);
+    assert_string_not_equal(before[0], after);
+    assert_int_equal(temp_folder_count(&folder), files - 1);
+    assert_int_equal(access(temp_path(&folder, "2_0"), F_OK), -1);
+    assert_int_equal(access(temp_path(&folder, "1_0/meta.json"), F_OK), -1);
+    assert_int_equal(size_of(temp_path(&folder, "1_0/notes.txt")), 1);
+    sgs_gaussians_destroy(first);
+    sgs_gaussians_destroy(second);
+    tree_remove(&folder);
+}
+
 static void names_and_contents_select_formats(void **state)
 {
     (void)state;
@@ -363,6 +472,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(usda_is_read),
         cmocka_unit_test(lod_levels_are_nested),
+        cmocka_unit_test(a_sog_folder_is_replaced_as_a_whole),
+        cmocka_unit_test(levels_of_detail_are_replaced_as_a_whole),
         cmocka_unit_test(names_and_contents_select_formats),
         cmocka_unit_test(omitted_sh_are_reported),
         cmocka_unit_test(colors_are_recorded),

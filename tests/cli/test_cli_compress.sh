@@ -33,6 +33,10 @@ for method in lightgaussian sog mesongs ghap fcgs-like; do
     check presets_shrink_the_file test "$(stat -c %s "$temporary/$method.1")" -gt "$(stat -c %s "$temporary/$method.3")"
 done
 
+# decompress_writes_the_format_of_the_name
+run 0 decompress "$temporary/ghap.1" -o "$temporary/ghap.spz"
+check it_is_not_a_ply gzip -t <"$temporary/ghap.spz"
+
 # codecs_decode_to_the_same_bytes
 for codec in jxl webp exr; do
     file=$temporary/sog.$codec
@@ -104,10 +108,13 @@ one_line
 check nothing_is_written test ! -e "$temporary/none"
 run 1 compress "$temporary/nowhere" -o "$temporary/none"
 one_line
-run 1 decompress "$temporary/nowhere" -o "$temporary/none"
+run 2 decompress "$temporary/ghap.1" -o "$temporary/none.xyz"
+reports "none.xyz: the name requests no known format; use .ply,"
+one_line
+run 1 decompress "$temporary/nowhere" -o "$temporary/none.ply"
 reports "nowhere"
 one_line
-run 1 decompress "$model/point_cloud/iteration_60/point_cloud.ply" -o "$temporary/none"
+run 1 decompress "$model/point_cloud/iteration_60/point_cloud.ply" -o "$temporary/none.ply"
 reports "not a compressed model of sparegs"
 one_line
 

@@ -122,6 +122,19 @@ sgs_model_write_options model_write_options(const drawing_values *drawing)
     return options;
 }
 
+int model_output_format(const char *path, sgs_model_format *format)
+{
+    if (!sgs_model_format_of_name(path, format))
+        return fail_usage("%s: the name requests no known format; use .ply, .compressed.ply, "
+                          ".splat, .spz, .ksplat, .glb, .sog, meta.json, lod-meta.json or .usda",
+                          path);
+    if (*format == SGS_MODEL_HTML)
+        return fail_usage("%s: a page cannot be read as a model; write a .ply, and make the page "
+                          "with 'sparegs convert'",
+                          path);
+    return -1;
+}
+
 // name: of the format, which has no mark.
 static void warn_about_colors(const char *path, const char *name, const sgs_model_colors *colors)
 {

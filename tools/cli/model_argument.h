@@ -42,6 +42,10 @@ sgs_model_colors model_colors(sgs_space space, double white_point);
 // The options to write a model that is rendered so.
 sgs_model_write_options model_write_options(const drawing_values *drawing);
 
+// The format that the name of an output requests. Returns -1 to continue, or EXIT_USAGE after
+// printing the error: an unknown format, or a page that only shows a model.
+int model_output_format(const char *path, sgs_model_format *format);
+
 // Warns if the format has no mark for what the options say about the model. path: the file.
 // SGS_MODEL_FORMAT_COUNT stands for the files of `compress`.
 void model_warn_unmarked(const char *path, sgs_model_format format,

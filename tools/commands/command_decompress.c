@@ -1,21 +1,24 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs decompress`: the PLY file of a compressed model.
+// `sparegs decompress`: a compressed model as a PLY file or in another format of models.
 
 #include <stdlib.h>
 
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/json_result.h"
+#include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/shared_options.h"
 #include "sparegs/compress.h"
 
-static const char description[] =
-    "Writes the model in FILE, made by `sparegs compress`, as a PLY file. The bytes of the PLY "
-    "file are the same on every machine and with any number of threads.";
+static const char description[] = "Writes the model in FILE, made by `sparegs compress`, as a PLY "
+                                  "file, or in the format of models "
+                                  "that the name of OUT requests, as `sparegs convert` does. The "
+                                  "bytes of a PLY file are the same "
+                                  "on every machine and with any number of threads.";
 
 typedef struct decompress_values {
     const char *output;
@@ -28,8 +31,23 @@ static const option decompress_options[] = {
      .offset = offsetof(decompress_values, output),
      .argument = "OUT.ply",
      .shown = "required",
-     .help = "PLY file to write"},
+     .help = "file to write, in the format of its name"},
 };
+
+// Writes the model in the format of the name. False after printing the error or after a signal.
+static bool write_model(const char *path, const sgs_gaussians *model)
+{
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.progress = model_show_encoding;
+    if (!make_folder_of(path))
+        return false;
+    progress_work_start();
+    const sgs_status status = sgs_model_write(path, model, &options, NULL);
+    progress_end();
+    if (status && status != SGS_STATUS_CANCELLED)
+        fail_library();
+    return !status;
+}
 
 static int decompress_file(const char *path, const char *output, bool json)
 {
@@ -38,11 +56,7 @@ static int decompress_file(const char *path, const char *output, bool json)
     const double start = clock_seconds();
     if (sgs_decompress(path, &model, &info))
         return fail_library();
-    bool done = !interrupt_signal() && make_folder_of(output);
-    if (done && sgs_ply_write(output, model)) {
-        fail_library();
-        done = false;
-    }
+    const bool done = !interrupt_signal() && write_model(output, model);
     sgs_gaussians_destroy(model);
     if (interrupt_signal())
         return interrupt_status();
@@ -77,11 +91,15 @@ int command_decompress(int argc, char **argv)
                                .option_count =
                                    sizeof decompress_options / sizeof *decompress_options,
                                .values = &values};
-    const int status = command_begin(&spec, argc, argv, &call);
+    int status = command_begin(&spec, argc, argv, &call);
     if (status >= 0)
         return status;
     if (!values.output)
         return fail_usage("decompress requires -o OUT.ply");
+    sgs_model_format format;
+    status = model_output_format(values.output, &format);
+    if (status >= 0)
+        return status;
     interrupt_watch();
     return decompress_file(call.line.operands[0], values.output, call.common.json);
 }

@@ -108,6 +108,9 @@ one_line
 check nothing_is_written test ! -e "$temporary/none"
 run 1 compress "$temporary/nowhere" -o "$temporary/none"
 one_line
+run 1 compress "$temporary/nowhere" -o /proc/none # the output is checked before the work
+reports "/proc/none: cannot be written: /proc: "
+one_line
 run 2 decompress "$temporary/ghap.1" -o "$temporary/none.xyz"
 reports "none.xyz: the name requests no known format; use .ply,"
 one_line

@@ -78,6 +78,8 @@ usage "--ratio: '1' is not a share from 0 to less than 1" "$model" --method refi
 usage "--ratio: '' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,
 usage "--ratio: 'nan' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio nan
 usage "--ratio: 0.50 is given twice" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,0.50
+usage "x.xyz: the name requests no known format; use .ply," "$model" --method refine -o "$temporary/x.xyz" --ratio 0.5
+usage "x.html: a page cannot be read as a model" "$model" --method refine -o "$temporary/x.html" --ratio 0.5
 usage "--method lightgaussian requires the operand SCENE" "$model" --method lightgaussian -o "$temporary/x.ply" --ratio 0.5
 usage "--method pup requires the operand SCENE" "$model" --method pup -o "$temporary/x.ply" --ratio 0.5
 usage "--finetune requires the operand SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --finetune 9
@@ -90,6 +92,10 @@ one_line
 run 1 prune "$model" --method refine -o "$temporary/none/x.ply" --ratio 0.5 --scores /proc/x.csv
 reports "/proc/x.csv"
 check an_error_leaves_no_model test ! -e "$temporary/none"
+run 1 prune "$model" --method refine -o /proc/none/x.ply --ratio 0.5 --scores "$temporary/y.csv"
+reports "/proc/none/x.ply: cannot be written: /proc: "
+one_line
+check the_output_is_checked_before_the_work test ! -e "$temporary/y.csv"
 run 1 prune "$temporary/nowhere" --method refine -o "$temporary/x.ply" --ratio 0.5
 reports "nowhere"
 check nothing_was_written test ! -e "$temporary/x.ply"

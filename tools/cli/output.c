@@ -78,18 +78,42 @@ bool make_folder_of(const char *path)
     return made;
 }
 
-bool check_writable(const char *folder)
+// Creates and removes a file in a folder. Returns 0, or errno.
+static int probe_folder(const char *folder)
 {
     char *probe = format_text("%s/.sparegs.%ld", folder, (long)getpid());
     FILE *stream = fopen(probe, "wb");
     const bool written = stream && fputs("probe\n", stream) >= 0 && !fflush(stream);
-    const int code = errno;
+    const int code = written ? 0 : errno;
     if (stream) {
         fclose(stream);
         unlink(probe);
     }
     free(probe);
-    return written || fail_file(folder, "folder is not writable", code);
+    return code;
+}
+
+bool check_writable(const char *folder)
+{
+    const int code = probe_folder(folder);
+    return !code || fail_file(folder, "folder is not writable", code);
+}
+
+bool check_output(const char *path)
+{
+    struct stat info = {0};
+    if (!stat(path, &info) && S_ISDIR(info.st_mode))
+        return fail_file(path, "cannot be written", EISDIR);
+    char *folder = format_text("%s%s", *path == '/' ? "" : "./", path);
+    do { // the nearest folder that exists
+        char *slash = strrchr(folder, '/');
+        slash[slash == folder] = 0;
+    } while (stat(folder, &info) && strcmp(folder, "/") && strcmp(folder, "."));
+    const int code = S_ISDIR(info.st_mode) ? probe_folder(folder) : ENOTDIR;
+    if (code)
+        fail_run("%s: cannot be written: %s: %s", path, folder, strerror(code));
+    free(folder);
+    return !code;
 }
 
 bool file_exists(const char *path)

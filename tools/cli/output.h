@@ -22,6 +22,8 @@ bool make_folder(const char *path);
 bool make_folder_of(const char *path);
 // Checks that files can be created in a folder by creating and removing one.
 bool check_writable(const char *folder);
+// The same for a file that will be written, in the nearest folder above it that exists.
+bool check_output(const char *path);
 bool file_exists(const char *path);
 
 // Writes a temporary file and renames it: the old file stays until the new one is complete.

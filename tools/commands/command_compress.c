@@ -321,6 +321,8 @@ int command_compress(int argc, char **argv)
         return status;
     if (!values.output)
         return fail_usage("compress requires -o FILE");
+    if (!check_output(values.output))
+        return EXIT_FAILED;
     interrupt_watch();
     model_path located;
     sgs_scene *scene = NULL;

@@ -20,7 +20,7 @@
 
 static const char description[] =
     "Removes the share R of the primitives of MODEL (a model file, or a run folder: its latest "
-    "iteration) that a score finds least important, and writes the rest as a PLY. lightgaussian: "
+    "iteration) that a score finds least important, and writes the rest to OUT. lightgaussian: "
     "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
     "closed form from the parameters and the camera positions, without rendering. pup: log "
     "determinant of the Fisher matrix of position and scale over the training views (PUP 3D-GS). "
@@ -45,7 +45,8 @@ static const option prune_options[] = {
      .offset = offsetof(prune_values, output),
      .argument = "OUT",
      .shown = "required, or --scores or --features",
-     .help = "PLY file of the pruned model; with several ratios a folder of prune_R.ply"},
+     .help = "file of the pruned model, in the format of its name; with several ratios a folder of "
+             "prune_R.ply"},
     {.name = "method",
      .kind = OPTION_CHOICE,
      .offset = offsetof(prune_values, method),
@@ -189,6 +190,9 @@ static int check_values(pruning *p)
     if (values->output && !values->ratio)
         return fail_usage("-o requires --ratio R, the share of the primitives to remove");
     if (values->ratio && !parse_ratios(values->ratio, &p->ratios))
+        return EXIT_USAGE;
+    sgs_model_format format;
+    if (values->output && p->ratios.count == 1 && model_output_format(values->output, &format) >= 0)
         return EXIT_USAGE;
     if (!has_scene && needs_views(values->method))
         return fail_usage("--method %s requires the operand SCENE for its training views",
@@ -429,6 +433,29 @@ static sgs_gaussians *prune_model(const pruning *p, double ratio)
     return pruned;
 }
 
+// The file of a ratio; release with free().
+static char *output_path(const pruning *p, int k)
+{
+    return p->ratios.count > 1
+               ? format_text("%s/prune_%s.ply", p->values->output, p->ratios.texts[k])
+               : format_text("%s", p->values->output);
+}
+
+// Checks before the work that the files can be written. False after printing the error.
+static bool check_outputs(const pruning *p)
+{
+    const char *const tables[] = {p->values->scores, p->values->features};
+    bool good = true;
+    for (size_t t = 0; t < sizeof tables / sizeof *tables && good; ++t)
+        good = !tables[t] || check_output(tables[t]);
+    for (int k = 0; k < p->ratios.count && good; ++k) {
+        char *path = output_path(p, k);
+        good = check_output(path);
+        free(path);
+    }
+    return good;
+}
+
 static bool make_output(pruning *p, int k)
 {
     sgs_gaussians *pruned = prune_model(p, p->ratios.values[k]);
@@ -437,9 +464,7 @@ static bool make_output(pruning *p, int k)
         print_warning("ratio %s removes all %zu primitives", p->ratios.texts[k], p->model->count);
     if (done && p->values->finetune && pruned->count)
         done = finetune_model(&pruned, p->scene, &p->drawing, p->values->finetune, p->common->seed);
-    char *path = p->ratios.count > 1
-                     ? format_text("%s/prune_%s.ply", p->values->output, p->ratios.texts[k])
-                     : format_text("%s", p->values->output);
+    char *path = output_path(p, k);
     done = done && write_model(p, k, path, pruned);
     free(path);
     sgs_gaussians_destroy(pruned);
@@ -517,7 +542,7 @@ int command_prune(int argc, char **argv)
         return status;
     interrupt_watch();
     p.model_name = call.line.operands[0];
-    bool done = model_locate(p.model_name, &p.located);
+    bool done = check_outputs(&p) && model_locate(p.model_name, &p.located);
     if (done)
         status = model_scene_resolve(&data, &call.line, &p.located);
     if (status < 0)

@@ -62,6 +62,35 @@ with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential
 calls sequential_matcher
 calls feature_extractor
 
+# files_of_the_user_are_refused_before_the_work
+foreign() { # MESSAGE SCENE
+    : >"$CALLS"
+    with_standin run 1 reconstruct "$photos" -o "$2" --quiet
+    one_line
+    reports "$1; move it away, or choose another folder with -o"
+    check nothing_was_run test ! -s "$CALLS"
+}
+mkdir -p "$temporary/own/sparse/0" "$temporary/file"
+echo mine >"$temporary/own/sparse/0/cameras.txt"
+foreign "own/sparse/0/cameras.txt: was not written by reconstruct" "$temporary/own"
+check the_scene_is_as_before test "$(cd "$temporary/own" && find . -type f)" = ./sparse/0/cameras.txt
+echo mine >"$temporary/file/images"
+foreign "file/images: is not a link to photographs" "$temporary/file"
+check the_file_is_kept grep -qx mine "$temporary/file/images"
+echo >>"$scene/sparse/0/images.bin"
+foreign "scene/sparse/0: was not written by reconstruct, or was changed later" "$scene"
+rm -r "$scene/sparse/0"
+# A model that cannot be written leaves the scene without it and without other files; a link is replaced.
+ln -sfn "$temporary/own" "$scene/images"
+last_command="sparegs reconstruct with a limit"
+check a_full_disk_is_an_error bash -c 'trap "" XFSZ; ulimit -f 100; status=0
+    PATH=$0:$PATH "$@" 2>/dev/null || status=$?; test $status = 1' "$bin" "$program" reconstruct "$photos" -o "$scene" --matcher sequential --quiet
+check nothing_is_left test -z "$(ls -A "$scene/sparse")"
+with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential --quiet
+check the_model_is_there cmp "$scene/sparse/0/points3D.bin" "$room/sparse/0/points3D.bin"
+check no_other_model_is_there test "$(ls -A "$scene/sparse")" = 0
+check the_link_is_that_of_the_photographs test "$scene/images" -ef "$photos"
+
 # links_to_folders_are_not_followed
 cp -r "$photos" "$temporary/linked"
 mv "$temporary/linked/0001.jpg" "$temporary"

@@ -25,6 +25,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/shared_options.h"
+#include "run/reconstructed_scene.h"
 #include "sparegs/image.h"
 #include "sparegs/runtime.h"
 
@@ -33,7 +34,9 @@ static const char description[] =
     "`colmap`, 3.8 or newer, must be installed) and prepares SCENE for `sparegs train`: "
     "SCENE/images is a link to the photographs, SCENE/sparse/0 is the model, SCENE/colmap holds "
     "the database and logs. Needs neither a display nor a GPU. An interrupted run resumes after "
-    "the last completed stage.";
+    "the last completed stage. A model in SCENE/sparse/0 and a folder SCENE/images that the "
+    "command "
+    "did not make are kept, and refused before the work.";
 
 typedef struct reconstruct_values {
     const char *output, *colmap, *camera_model;
@@ -84,7 +87,9 @@ typedef struct reconstruction {
     char *work, *database, *models, *state_path;
     size_t count;      // photographs
     int width, height; // of all photographs, or 0 if they differ
-    json_t *state;     // {"made_from": ..., "stages": [...]}
+    // {"made_from": ..., "stages": [...], "kept": [...]}: `kept` has the digests of the models that
+    // may be in SCENE/sparse/0.
+    json_t *state;
 } reconstruction;
 
 // ---- The photographs ----
@@ -321,30 +326,8 @@ static unsigned long long model_images(const char *folder)
     return count;
 }
 
-static bool copy_file(const char *from, const char *to)
-{
-    FILE *in = fopen(from, "rb");
-    char *temporary = format_text("%s.tmp", to);
-    FILE *out = in ? fopen(temporary, "wb") : NULL;
-    char bytes[1 << 16];
-    size_t got = 0;
-    bool fine = out != NULL;
-    while (fine && (got = fread(bytes, 1, sizeof bytes, in)) > 0)
-        fine = fwrite(bytes, 1, got, out) == got;
-    fine = fine && !ferror(in);
-    if (out)
-        fine = !fclose(out) && fine;
-    if (in)
-        fclose(in);
-    fine = fine && !rename(temporary, to);
-    if (!fine)
-        fail_run("%s: cannot copy to %s: %s", from, to, strerror(errno));
-    free(temporary);
-    return fine;
-}
-
-// Copies the model with the most images to SCENE/sparse/0. False after printing the error.
-static bool keep_largest(const reconstruction *run, unsigned long long *registered, int *models)
+// The folder of the model with the most images; release with free(). NULL after printing the error.
+static char *largest_model(const reconstruction *run, unsigned long long *registered, int *models)
 {
     char *best = NULL;
     *registered = 0;
@@ -364,47 +347,51 @@ static bool keep_largest(const reconstruction *run, unsigned long long *register
         free(best);
         best = folder;
     }
-    if (!best) {
+    if (!best)
         fail_run("%s: COLMAP registered none of the %zu photographs; take more photographs with "
                  "more overlap, of a textured subject",
                  run->photos, run->count);
-        return false;
-    }
-    static const char *const names[] = {"cameras.bin", "points3D.bin", "images.bin"};
-    bool fine = true;
-    for (size_t i = 0; i < 3 && fine; ++i) {
-        char *from = format_text("%s/%s", best, names[i]);
-        char *to = format_text("%s/sparse/0/%s", run->values->output, names[i]);
-        fine = make_folder_of(to) && copy_file(from, to);
-        free(from);
-        free(to);
-    }
-    free(best);
-    return fine;
+    return best;
 }
 
-// Makes SCENE/images a link to the photographs.
-static bool link_photos(const reconstruction *run)
+// Copies a model to SCENE/sparse/0, if it is not there. state.json knows both models meanwhile, so
+// that a killed process leaves one that is known. False after printing the error.
+static bool keep_model(reconstruction *run, const char *model)
 {
-    char *path = format_text("%s/images", run->values->output), *real = realpath(path, NULL);
-    bool fine = real && !strcmp(real, run->photos_path);
-    if (!fine) {
-        unlink(path); // removes a link to other photographs; a folder makes symlink fail below
-        fine = !symlink(run->photos_path, path);
-        if (!fine)
-            fail_run("%s: cannot create symlink to %s: %s", path, run->photos_path,
-                     strerror(errno));
+    const char *scene = run->values->output;
+    char *kept = format_text("%s/sparse/0", scene), *digest = reconstructed_model_digest(model);
+    char *before = reconstructed_model_digest(kept);
+    json_t *known = json_object_get(run->state, "kept");
+    bool done = digest != NULL;
+    if (!done)
+        fail_run("%s: the model cannot be read: %s", model, strerror(errno));
+    else if (!before || strcmp(before, digest)) {
+        json_t *both = json_is_array(known) ? json_copy(known) : json_array();
+        json_array_append_new(both, json_string(digest));
+        json_object_set_new(run->state, "kept", both);
+        done = reconstructed_scene_check(scene, run->photos_path, both) &&
+               write_json(run->state_path, json_incref(run->state)) &&
+               reconstructed_model_keep(scene, model);
+        if (done) {
+            json_object_set_new(run->state, "kept", json_pack("[s]", digest));
+            done = write_json(run->state_path, json_incref(run->state));
+        }
     }
-    free(real);
-    free(path);
-    return fine;
+    free(kept);
+    free(digest);
+    free(before);
+    return done;
 }
 
-static int report(const reconstruction *run, bool json)
+static int report(reconstruction *run, bool json)
 {
     unsigned long long registered;
     int models;
-    if (!keep_largest(run, &registered, &models) || !link_photos(run))
+    char *largest = largest_model(run, &registered, &models);
+    const bool kept = largest && keep_model(run, largest) &&
+                      reconstructed_images_link(run->values->output, run->photos_path);
+    free(largest);
+    if (!kept)
         return EXIT_FAILED;
     char *model = format_text("%s/sparse/0", run->values->output);
     const char *const arguments[] = {run->values->colmap, "model_analyzer", "--path", model, NULL};
@@ -462,19 +449,22 @@ static bool read_state(reconstruction *run)
 // those of any other run.
 static bool open_state(reconstruction *run, json_t *made_from)
 {
-    if (!read_state(run))
-        return false;
     if (run->state && json_equal(json_object_get(run->state, "made_from"), made_from)) {
         if (json_array_size(json_object_get(run->state, "stages")))
             print_note("%s: continuing an earlier reconstruction", run->values->output);
         return true;
     }
+    json_t *kept = json_incref(json_object_get(run->state, "kept"));
     json_decref(run->state);
+    run->state = NULL;
     if (unlink(run->database) && errno != ENOENT) {
         fail_run("%s: cannot remove: %s", run->database, strerror(errno));
+        json_decref(kept);
         return false;
     }
     run->state = json_object();
+    if (kept)
+        json_object_set_new(run->state, "kept", kept);
     json_object_set(run->state, "made_from", made_from);
     json_object_set_new(run->state, "stages", json_array());
     return write_json(run->state_path, json_incref(run->state));
@@ -518,7 +508,10 @@ static int reconstruct(reconstruction *run, bool json)
             fail_run(
                 "%s: contains %zu photograph(s); at least 2 are required, 20 or more recommended",
                 run->photos, run->count);
-        else if (make_folder(run->work) && check_writable(run->work) && open_state(run, made_from))
+        else if (read_state(run) &&
+                 reconstructed_scene_check(v->output, run->photos_path,
+                                           json_object_get(run->state, "kept")) &&
+                 make_folder(run->work) && check_writable(run->work) && open_state(run, made_from))
             status = run_stages(run);
         if (status < 0)
             status = report(run, json);

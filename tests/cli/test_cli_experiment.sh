@@ -39,11 +39,12 @@ plan "$room" '["3dgs"]' ''; sed -i 's/"name": "room",/"name": "room", "dataset":
 plan "$room" '["3dgs"]' ''
 sed -i 's/"scenes": \[/&{"name": "a", "path": "nowhere", "data_set": "x"}, /' "$folder/plan.json"; refused "\"data_set\" is missing for scene 'room'"
 
-plan "$room" '["3dgs", "mip"]' ''
+plan "$room" '["3dgs", "mip"]' ', "trace": "traces/last.json"'
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check | wc -l)" = 5 ]
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
 [ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
 [ "$(wc -l <"$folder/out/results.csv")" = 6 ]
+[ -s "$folder/traces/last.json" ] || { echo "FAIL: the trace is not relative to the plan"; exit 1; }
 [ "$(jq '[.runs[].summary.model_hash] | unique | length' "$folder/out/results.json")" = 5 ]
 
 # The same command again runs nothing; a lost run is repeated with the same bits.

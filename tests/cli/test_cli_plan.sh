@@ -46,6 +46,19 @@ refused 'the plan contains no runs' '.variants = [{name: "on", pipelines: ["mip"
 refused 'the plan has more than 10000 runs; divide it' '.seeds = [range(5001)]'
 refused '"seeds" has 10001 entries; the limit is 10000' '.seeds = [range(10001)]'
 
+# paths_are_relative_to_the_plan and input files exist
+missing() { # OPTION PATH CHANGE
+    refused "option '$1': $temporary/$2 does not exist; paths are relative to the plan" "$3"
+}
+missing init models/a.ply '.options.init = "models/a.ply"'
+missing lpips vgg.bin '.variants = [{name: "on", options: {lpips: "vgg.bin"}}]'
+missing region blocks.json ".options += {init: \"$room\", region: \"blocks.json:1\"}"
+missing weights net.pth '.post = [{prune: {method: "rap", weights: "net.pth"}}]'
+mkdir "$temporary/models"
+touch "$temporary/models/a.ply" "$temporary/vgg.bin"
+jq '.options += {init: "models/a.ply", lpips: "vgg.bin", region: "-1,-1,-1,1,1,1"}' <<<"$base" >"$plan"
+run 0 experiment "$plan" --check
+
 # the_report_names_the_member
 mkdir "$temporary/results"
 results='{"plan": {"pipelines": ["3dgs"]}, "runs": [{"scene": "a", "pipeline": "3dgs", "variant": "on", "seed": 0, "folder": "none", "summary": {}}]}'

@@ -5,7 +5,7 @@
 // The commands of the program. Each takes argv starting with its own name and returns the exit
 // status.
 
-#include <stdbool.h>
+struct option; // cli/options.h
 
 int command_train(int argc, char **argv);
 int command_split(int argc, char **argv);
@@ -31,5 +31,5 @@ int command_view(int argc, char **argv);
 // idle NULL: an option that has no effect without others is an error. Otherwise *idle receives the
 // first such option, or NULL.
 int command_train_check(int argc, char **argv, const char **idle);
-// True if `name` is an option of `train` without argument.
-bool command_train_has_flag(const char *name);
+// The row of an option of `train`, or NULL.
+const struct option *command_train_option(const char *name);

@@ -29,6 +29,15 @@ typedef enum option_kind {
     OPTION_COLOR     // float[3]: R,G,B in [0,1]; or the word random, a bool at random_offset
 } option_kind;
 
+// What a TEXT is as a path, for programs that fill in the options from a file: a path is relative
+// to that file.
+typedef enum option_path {
+    PATH_NONE,   // no path, or a name inside the scene
+    PATH_INPUT,  // a file or folder that exists
+    PATH_OUTPUT, // a file to write
+    PATH_BLOCK   // PATH:K, a file that exists and a number; a text without ':' is no path
+} option_path;
+
 typedef struct integer_list {
     int count;
     int values[64];
@@ -38,6 +47,7 @@ typedef struct option {
     const char *name; // without the dashes
     char letter;      // short form, 0 = none
     option_kind kind;
+    option_path path;
     size_t offset;        // of the value inside the group's struct
     size_t random_offset; // COLOR: of the bool that the word random sets; 0 refuses the word
     // Range, both ends included, of INTEGER, COUNT, SIZE, REAL, INTEGERS, DURATION, BYTES.

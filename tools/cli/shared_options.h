@@ -51,6 +51,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
 #define LPIPS_OPTIONS(values)                                                                      \
     {.name = "lpips",                                                                              \
      .kind = OPTION_TEXT,                                                                          \
+     .path = PATH_INPUT,                                                                           \
      .offset = offsetof(values, lpips),                                                            \
      .argument = "FILE",                                                                           \
      .shown = "none",                                                                              \

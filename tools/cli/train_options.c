@@ -77,6 +77,7 @@ static const option output_options[] = {
              "is removed"},
     {.name = "trace",
      .kind = OPTION_TEXT,
+     .path = PATH_OUTPUT,
      .offset = AT(trace),
      .argument = "FILE",
      .shown = "none",
@@ -199,10 +200,14 @@ static void add_row(const sgs_train_option *from, const sgs_train_options *initi
                     .unit = from->unit,
                     .needs = conditions_of(from, table.conditions[k]),
                     .help = from->help};
-    if (from->type == SGS_OPTION_MODEL)
+    if (from->type == SGS_OPTION_MODEL) {
         row->offset = offsetof(train_values, init);
-    if (from->type == SGS_OPTION_BOX)
+        row->path = PATH_INPUT;
+    }
+    if (from->type == SGS_OPTION_BOX) {
         row->offset = offsetof(train_values, region);
+        row->path = PATH_BLOCK;
+    }
     if (from->type == SGS_OPTION_SET && !(from->low > 0)) {
         snprintf(table.words[k], TEXT_MOST, "on|off|%s", from->values);
         row->argument = table.words[k];

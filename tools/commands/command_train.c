@@ -761,14 +761,13 @@ int command_train_check(int argc, char **argv, const char **idle)
     return status;
 }
 
-bool command_train_has_flag(const char *name)
+const option *command_train_option(const char *name)
 {
     training run = {0};
     option_group groups[GROUP_COUNT];
     command_line line = {0};
     describe_line(&run, groups, &line);
-    const option *row = find_option(&line, name);
-    return row && row->kind == OPTION_FLAG;
+    return find_option(&line, name);
 }
 
 int command_train(int argc, char **argv)

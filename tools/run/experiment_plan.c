@@ -13,7 +13,7 @@
 // variant's override both. "variants" defaults to off and on. "data_set" groups scenes in the
 // tables; all scenes have one, or none. "post" is described in experiment_post.h.
 // Seeds and pipelines are distinct, and the runs at most RUNS_MOST. Paths are relative to the
-// plan's folder.
+// plan's folder, those of scenes and of options; "images" and "masks" are folders of the scene.
 
 #include "run/experiment_plan.h"
 
@@ -26,6 +26,7 @@
 #include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "run/plan_path.h"
 #include "sparegs/scene.h"
 
 enum { RUNS_MOST = 10000 };
@@ -101,8 +102,8 @@ static bool add_options(experiment_run *run, json_t *options)
                 free(name);
                 return refuse("option is set by the experiment:", own[k]);
             }
-        const bool is_flag = command_train_has_flag(name + 2);
-        if (is_flag && !json_is_boolean(value) && !json_is_null(value)) {
+        const option *row = command_train_option(name + 2);
+        if (row && row->kind == OPTION_FLAG && !json_is_boolean(value) && !json_is_null(value)) {
             free(name);
             return refuse("expected true or false for option", key);
         }
@@ -111,6 +112,11 @@ static bool add_options(experiment_run *run, json_t *options)
             continue;
         }
         char *text = json_is_false(value) || json_is_null(value) ? NULL : value_text(value);
+        if (text && row && !plan_path_option(plan_path, key, row->path, &text)) {
+            free(text);
+            free(name);
+            return false;
+        }
         if (text) {
             add_argument(run, name);
             add_argument(run, text);
@@ -147,11 +153,8 @@ static bool applies(const json_t *variant, const json_t *pipeline)
 
 static char *scene_path(const json_t *scene)
 {
-    const char *path = json_string_value(json_object_get(scene, "path")),
-               *slash = strrchr(plan_path, '/');
-    if (!path || *path == '/' || !slash)
-        return format_text("%s", path ? path : "");
-    return format_text("%.*s/%s", (int)(slash - plan_path), plan_path, path);
+    const char *path = json_string_value(json_object_get(scene, "path"));
+    return path ? plan_path_resolve(plan_path, path) : format_text("%s", "");
 }
 
 // Removes "--name" and its value from the arguments of a run.

@@ -15,6 +15,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "run/plan_path.h"
 #include "run/sub_command.h"
 
 // A kind of step.
@@ -60,14 +61,6 @@ static char *option_name(const char *key)
     for (char *dash = name; (dash = strchr(dash, '_'));)
         *dash = '-';
     return name;
-}
-
-static char *beside_plan(const char *plan_path, const char *path)
-{
-    const char *slash = strrchr(plan_path, '/');
-    return *path == '/' || !slash
-               ? format_text("%s", path)
-               : format_text("%.*s/%s", (int)(slash - plan_path), plan_path, path);
 }
 
 // ---- Checks ----
@@ -288,15 +281,18 @@ static void add_points(post_plan *post, const json_t *step, const char *name)
     }
 }
 
-// Paths in the options of a step, which are relative to the plan.
-static void resolve_paths(const char *plan_path, json_t *options)
+// Resolves the paths in the options of a step. False after printing the error.
+static bool resolve_paths(const char *plan_path, json_t *options)
 {
-    const char *path = json_string_value(json_object_get(options, "weights"));
+    static const char name[] = "weights";
+    const char *path = json_string_value(json_object_get(options, name));
     if (!path)
-        return;
-    char *resolved = beside_plan(plan_path, path);
-    json_object_set_new(options, "weights", json_string(resolved));
+        return true;
+    char *resolved = format_text("%s", path);
+    const bool good = plan_path_option(plan_path, name, PATH_INPUT, &resolved);
+    json_object_set_new(options, name, json_string(resolved));
     free(resolved);
+    return good;
 }
 
 bool post_plan_read(const char *plan_path, const json_t *root, post_plan *post)
@@ -319,8 +315,7 @@ bool post_plan_read(const char *plan_path, const json_t *root, post_plan *post)
         char *name = given ? format_text("%s", given)
                            : format_text("%s-%s", kind->name,
                                          json_string_value(json_object_get(options, "method")));
-        resolve_paths(plan_path, options);
-        good = check_step_name(plan_path, post, name);
+        good = resolve_paths(plan_path, options) && check_step_name(plan_path, post, name);
         if (good)
             add_points(post, step, name);
         free(name);

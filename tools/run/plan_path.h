@@ -1,0 +1,16 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Paths in a plan of an experiment, which are relative to the plan's folder.
+
+#include <stdbool.h>
+
+#include "cli/options.h"
+
+// The path, seen from the working folder. Release with free().
+char *plan_path_resolve(const char *plan, const char *path);
+
+// Resolves the value of an option that is a path, and checks that an input exists. *text is
+// replaced; release it with free(). `name` of the option is for the error. False after printing it.
+bool plan_path_option(const char *plan, const char *name, option_path kind, char **text);

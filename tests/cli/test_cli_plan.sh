@@ -64,9 +64,17 @@ mkdir "$temporary/results"
 results='{"plan": {"pipelines": ["3dgs"]}, "runs": [{"scene": "a", "pipeline": "3dgs", "variant": "on", "seed": 0, "folder": "none", "summary": {}}]}'
 report() { # STATUS CHANGE
     jq "$2" <<<"$results" >"$temporary/results/results.json"
-    run "$1" report "$temporary/results" --pictures 1
+    run "$1" report "$temporary/results" --pictures 1 "${@:3}"
 }
-report 0 .
+# A picture that fails is a warning, the folders of the files are created, and a title cannot end or extend the script.
+report 0 '.plan.title = "</script><!--<script>"' --markdown "$temporary/sub/text/x.md" --html "$temporary/sub/page/x.html"
+reports "warning: $temporary/results/none: no picture of this run: $temporary/results/none: no such model;"
+reports "; --pictures 0 omits the pictures"
+check no_error_is_printed bash -c "! grep -v '^sparegs: warning: ' '$temporary/stderr'"
+check the_tables_are_there test -s "$temporary/sub/text/x.md"
+sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "$temporary/sub/page/x.html" >"$temporary/data.json"
+check the_data_have_no_tag bash -c "! grep -F '<' '$temporary/data.json'"
+json "$temporary/data.json" '.title == "</script><!--<script>"'
 for case in 'plan.pipelines[0] must be a string:.plan.pipelines = [1]' 'plan.pipelines must be a list:.plan.pipelines = "3dgs"' \
     'runs[0].scene must be a string:.runs = [{}]' 'runs[1].scene must be a string:.runs[1] = 5' \
     'runs[0].pipeline must be a string:.runs[0].pipeline = null' 'runs[0].variant must be a string:del(.runs[0].variant)' \

@@ -28,7 +28,7 @@ enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, LINE_EVERY = 100 };
 
 static struct {
     pthread_mutex_t lock;
-    bool quiet, live;
+    bool quiet, live, holds_errors;
     char error[1024];
     size_t warning_count;
     char *warnings[WARNINGS_KEPT];
@@ -52,12 +52,15 @@ static void print_line(const char *prefix, const char *format, bool is_error, va
             *c == 0x7f) // control characters quoted from a file must not break the line
             *c = '?';
     pthread_mutex_lock(&console.lock);
-    clear_line();
-    fprintf(stderr, "%s%s\n", prefix, text);
-    if (is_error) {
-        snprintf(console.error, sizeof console.error, "%.1000s", text);
-        json_result_error(text);
+    const bool held = is_error && console.holds_errors;
+    if (!held) {
+        clear_line();
+        fprintf(stderr, "%s%s\n", prefix, text);
     }
+    if (is_error)
+        snprintf(console.error, sizeof console.error, "%.1000s", text);
+    if (is_error && !held)
+        json_result_error(text);
     pthread_mutex_unlock(&console.lock);
 }
 
@@ -175,6 +178,15 @@ void last_error_set(const char *text)
 const char *last_error_text(void)
 {
     return console.error;
+}
+
+void errors_hold(bool hold)
+{
+    pthread_mutex_lock(&console.lock);
+    console.holds_errors = hold;
+    if (hold)
+        console.error[0] = 0;
+    pthread_mutex_unlock(&console.lock);
 }
 
 size_t warning_count(void)

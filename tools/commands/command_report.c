@@ -234,10 +234,10 @@ static json_t *picture_uri(const char *folder, const sgs_image8 *image)
     return uri;
 }
 
-// A render of the first held-out view of a run (the first view if none is held out).
-static json_t *picture_of(const char *folder, const json_t *run)
+// A render of the first held-out view of the run in `path` (the first view if none is held out).
+// NULL after printing the error.
+static json_t *draw_picture(const char *folder, const char *path, const json_t *run)
 {
-    char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
     model_path located;
     json_t *picture = NULL;
     if (model_locate(path, &located)) {
@@ -249,6 +249,8 @@ static json_t *picture_of(const char *folder, const json_t *run)
         char name[] = "report", *arguments[] = {name, NULL};
         const bool parsed = command_line_parse(&nothing, 1, arguments) < 0;
         const char *scene_path = json_string_value(json_object_get(located.config, "scene"));
+        if (!scene_path)
+            fail_run("%s/config.json: names no scene", path);
         sgs_scene *scene =
             parsed && scene_path && model_scene_resolve(&data, &nothing, &located) < 0
                 ? scene_open(scene_path, &data, true)
@@ -286,6 +288,19 @@ static json_t *picture_of(const char *folder, const json_t *run)
         sgs_scene_destroy(scene);
     }
     model_path_free(&located);
+    return picture;
+}
+
+// The picture of a run. NULL after a warning, or a signal.
+static json_t *picture_of(const char *folder, const json_t *run)
+{
+    char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
+    errors_hold(true);
+    json_t *picture = draw_picture(folder, path, run);
+    errors_hold(false);
+    if (!picture && !interrupt_signal())
+        print_warning("%s: no picture of this run: %s; --pictures 0 omits the pictures", path,
+                      last_error_text());
     free(path);
     return picture;
 }
@@ -328,15 +343,17 @@ static bool write_page(const char *path, json_t *data)
         fail_run("%s: no memory for the page", path);
         return false;
     }
-    // "</" would end the script element that contains the data; JSON allows "<\/".
+    // "</script" would end the script element that contains the data, and "<!--<script" would
+    // extend it. JSON has '<' in texts only.
+    static const char escape[] = "\\u003c";
     size_t extra = 0;
-    for (const char *c = json; (c = strstr(c, "</")); c += 2)
-        ++extra;
+    for (const char *c = json; (c = strchr(c, '<')); ++c)
+        extra += strlen(escape) - 1;
     char *safe = malloc(strlen(json) + extra + 1), *to = safe;
     for (const char *c = json; safe && *c; ++c) {
-        *to++ = *c;
-        if (c[0] == '<' && c[1] == '/')
-            *to++ = '\\';
+        const bool escaped = *c == '<';
+        memcpy(to, escaped ? escape : c, escaped ? strlen(escape) : 1);
+        to += escaped ? strlen(escape) : 1;
     }
     bool written = false;
     if (safe) {
@@ -409,7 +426,8 @@ static int report(const char *folder, const report_values *values)
                                        : format_text("%s/report.md", folder);
     char *page_path =
         values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
-    bool done = write_text(text_path, markdown) &&
+    bool done = make_folder_of(text_path) && make_folder_of(page_path) &&
+                write_text(text_path, markdown) &&
                 write_page(page_path, page_data(folder, results, tables, values));
     if (done) {
         report_file(text_path);

@@ -91,7 +91,9 @@ run 2 view "$out" --export "$temporary/page.ply"
 reports "does not end in .html"
 run 2 view "$out" --export "$temporary/page.html" --port 8080
 reports "--port has no effect with --export"
-run 1 view "$out" --export /proc/page.html
+run 1 view "$out" --export /proc/none/page.html
+reports "/proc/none: cannot be created"
+one_line
 check no_message_of_a_server bash -c "! grep -q Ctrl-C '$temporary/stderr'"
 
 # marks_follow_the_model

@@ -70,6 +70,8 @@ static void serve(void)
 static int export_page(const char *path, const view_source *source)
 {
     const camera_list *views = &source->views;
+    if (!make_folder_of(path))
+        return EXIT_FAILED;
     sgs_model_camera *cameras = calloc(views->count + 1, sizeof *cameras);
     if (!cameras)
         return fail_run("no memory for %zu cameras", views->count);
@@ -82,8 +84,7 @@ static int export_page(const char *path, const view_source *source)
     options.progress = model_show_encoding;
     model_warn_unmarked(path, SGS_MODEL_HTML, &options);
     progress_work_start();
-    const sgs_status status =
-        make_folder_of(path) ? sgs_model_write(path, source->model, &options, NULL) : SGS_STATUS_IO;
+    const sgs_status status = sgs_model_write(path, source->model, &options, NULL);
     progress_end();
     free(cameras);
     if (status == SGS_STATUS_CANCELLED)

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The memory of a viewer does not grow with the number of cameras that its pages show.
+// The memory of a viewer does not grow with the number of cameras that its pages show. The files
+// that it saves replace no others.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -10,8 +11,9 @@
 
 #include <cmocka.h>
 
+#include "support/files_support.h"
 #include "support/oracle_support.h"
-#include "viewer/view_crop.h"
+#include "viewer/view_painter.h"
 
 enum { WIDTH = 1280, HEIGHT = 960, CAMERAS = 8 };
 static const double pixel_bytes = 2 * sizeof(float); // at least: the two coordinates of a ray
@@ -53,10 +55,73 @@ static void ray_tables_of_viewer_and_preview_are_limited(void **state)
     oracle_scene_free(&scene);
 }
 
+// All numbers of a file are taken.
+static void fill_numbers(const temp_folder *folder, const char *stem, const char *ending)
+{
+    char first[512], path[512];
+    for (int n = 1; n <= 9999; ++n) {
+        snprintf(path, sizeof path, "%s/%s_%04d.%s", folder->path, stem, n, ending);
+        if (n > 1) {
+            assert_int_equal(symlink(first, path), 0);
+            continue;
+        }
+        file_put(path, "old", 3);
+        snprintf(first, sizeof first, "%s_0001.%s", stem, ending);
+    }
+}
+
+static void check_old(const temp_folder *folder, const char *name)
+{
+    size_t size;
+    unsigned char *bytes = file_get(temp_path(folder, name), &size);
+    assert_string_equal((const char *)bytes, "old");
+    free(bytes);
+}
+
+static void saved_files_replace_no_other(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    oracle_scene scene = oracle_random_model(5, 40, NULL);
+    view_source source = {.name = "model", .drawing = {.compact_box = 1, .white_point = 1}};
+    sgs_gaussians *model;
+    assert_int_equal(sgs_gaussians_create(scene.count, &model), SGS_STATUS_OK);
+    assert_true(model_copy(model, scene.model));
+    assert_true(view_source_open(&source, model, NULL, 0));
+    source.folder = strdup(folder.path);
+    view_painter painter = {.source = &source};
+    const view_request request = {.camera = oracle_camera(SGS_CAMERA_PINHOLE, 16, 16),
+                                  .pose = oracle_pose_look_at(1.9, -1.2, -3.3)};
+    const view_crop crop = {.preview = CROP_HIDE, .region = -1, .slack = -INFINITY};
+    char *path;
+    fill_numbers(&folder, "crop", "ply");
+    fill_numbers(&folder, "view", "exr");
+    assert_null(crop_save(&crop, &source));
+    assert_false(view_painter_exr(&painter, &request, &path));
+    assert_null(path);
+    check_old(&folder, "crop_9999.ply");
+    check_old(&folder, "view_9999.exr");
+    assert_int_equal(unlink(temp_path(&folder, "crop_9999.ply")), 0);
+    assert_int_equal(unlink(temp_path(&folder, "view_0002.exr")), 0);
+    json_t *reply = crop_save(&crop, &source);
+    const char *saved = json_string_value(json_object_get(reply, "path"));
+    assert_true(saved && strstr(saved, "/crop_9999.ply"));
+    if (!view_painter_exr(&painter, &request, &path))
+        fail_msg("%s", sgs_last_error());
+    assert_non_null(strstr(path, "/view_0002.exr"));
+    json_decref(reply);
+    free(path);
+    view_painter_free(&painter);
+    view_source_close(&source);
+    oracle_scene_free(&scene);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ray_tables_of_viewer_and_preview_are_limited),
+        cmocka_unit_test(saved_files_replace_no_other),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -122,6 +122,21 @@ bool file_exists(const char *path)
     return !stat(path, &info);
 }
 
+int free_number(const char *folder, const char *stem, const char *ending)
+{
+    enum { LAST = 9999 };
+    for (int n = 1; n <= LAST; ++n) {
+        char *path = format_text("%s/%s_%04d.%s", folder, stem, n, ending);
+        const bool taken = file_exists(path);
+        free(path);
+        if (!taken)
+            return n;
+    }
+    fail_run("%s: %s_0001.%s to %s_%d.%s exist; move some of them away", folder, stem, ending, stem,
+             LAST, ending);
+    return 0;
+}
+
 bool write_text(const char *path, const char *text)
 {
     char *temporary = format_text("%s.tmp.%ld", path, (long)getpid());

@@ -25,6 +25,9 @@ bool check_writable(const char *folder);
 // The same for a file that will be written, in the nearest folder above it that exists.
 bool check_output(const char *path);
 bool file_exists(const char *path);
+// The first of the numbers 1 to 9999 for which FOLDER/STEM_NNNN.ENDING does not exist; 0 after
+// printing the error.
+int free_number(const char *folder, const char *stem, const char *ending);
 
 // Writes a temporary file and renames it: the old file stays until the new one is complete.
 bool write_text(const char *path, const char *text);

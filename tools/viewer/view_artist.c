@@ -340,8 +340,10 @@ static json_t *save_exr(view_artist *artist, const artist_task *task)
 {
     char *path;
     const bool done = view_painter_exr(&artist->painter, &task->request, &path);
+    const char *error =
+        path ? sgs_last_error() : "all numbers of view_NNNN.exr are taken; move some files away";
     json_t *reply = done ? json_pack("{s:s,s:s?}", "type", "saved", "path", path)
-                         : json_pack("{s:s,s:s}", "type", "error", "text", sgs_last_error());
+                         : json_pack("{s:s,s:s}", "type", "error", "text", error);
     free(path);
     return reply;
 }

@@ -96,16 +96,9 @@ json_t *crop_save(const view_crop *crop, view_source *source)
     unsigned char *keep = select_kept(crop, source);
     sgs_gaussians *kept = NULL;
     json_t *reply = NULL;
-    char *path = NULL;
-    bool done = keep && !sgs_gaussians_create(model->count, &kept) && model_copy(kept, model);
-    for (int n = 1; done && !path; ++n) {
-        path = format_text("%s/crop_%04d.ply", source->folder, n);
-        if (n < 9999 && file_exists(path)) {
-            free(path);
-            path = NULL;
-        }
-    }
-    if (done) {
+    const int n = free_number(source->folder, "crop", "ply");
+    char *path = format_text("%s/crop_%04d.ply", source->folder, n);
+    if (n && keep && !sgs_gaussians_create(model->count, &kept) && model_copy(kept, model)) {
         const sgs_model_write_options options = model_write_options(&source->drawing);
         sgs_model_written written;
         sgs_selection_apply(kept, keep);

@@ -232,15 +232,12 @@ bool view_painter_exr(view_painter *painter, const view_request *request, char *
     const sgs_render_options options = drawing_render_options(&source->drawing);
     sgs_frame frame = {0};
     char stem[40];
+    const int n = free_number(source->folder, "view", "exr");
     *path = NULL;
-    for (int n = 1; !*path; ++n) {
-        snprintf(stem, sizeof stem, "view_%04d", n);
-        *path = format_text("%s/%s.exr", source->folder, stem);
-        if (n < 9999 && file_exists(*path)) {
-            free(*path);
-            *path = NULL;
-        }
-    }
+    if (!n)
+        return false;
+    snprintf(stem, sizeof stem, "view_%04d", n);
+    *path = format_text("%s/%s.exr", source->folder, stem);
     frame_files files = files_of(painter, request, &request->camera, NULL);
     files.stem = stem;
     files.is_silent = true;

@@ -34,7 +34,7 @@ bool view_painter_draw(view_painter *painter, const view_request *request, int w
 json_t *view_painter_probe(view_painter *painter, const view_request *request, int x, int y);
 
 // Writes all quantities of the request as FOLDER/view_N.exr for the first free N; *path receives
-// the path, release it with free().
+// the path, release it with free(). *path is NULL after printing the error that no N is free.
 bool view_painter_exr(view_painter *painter, const view_request *request, char **path);
 
 void view_painter_free(view_painter *painter);

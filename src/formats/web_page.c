@@ -82,7 +82,11 @@ static bool write_value(FILE *stream, const char *key, json_t *value)
                                                JSON_ENSURE_ASCII | JSON_REAL_PRECISION(9))
                        : NULL;
     if (text)
-        fprintf(stream, "\"%s\":%s,\n", key, text);
+        fprintf(stream, "\"%s\":", key);
+    for (const char *c = text; c && *c; ++c) // "<!--<script" would extend the script element
+        fputs(*c == '<' ? "\\u003c" : (const char[]){*c, 0}, stream);
+    if (text)
+        fputs(",\n", stream);
     free(text);
     json_decref(value);
     return text != NULL;

@@ -117,9 +117,10 @@ for name in $(some m.glb m.splat -- m.usda m.ksplat); do
     run 2 convert "$temporary/m.ply" "$temporary/$name" --antialiased on
     reports "--antialiased on has no effect on $temporary/$name"
 done
-run 0 convert "$temporary/m.ply" "$temporary/m.html" --json
+run 0 convert "$temporary/m.ply" "$temporary/m<!--<script.html" --json
 check a_page_is_marked test "$(value .antialiased)" = true
-check the_mark_of_a_page grep -q '"model":"antialiased"' "$temporary/m.html"
+check the_mark_of_a_page grep -q '"model":"antialiased"' "$temporary/m<!--<script.html"
+check a_name_does_not_extend_the_script grep -qF '"name":"m\u003c!--\u003cscript.html"' "$temporary/m<!--<script.html"
 run 0 convert "$temporary/m.ply" "$temporary/lod_m/lod-meta.json" --json
 check levels_of_detail_are_marked test "$("$program" info "$temporary/lod_m" --json | jq .antialiased)" = true
 run 0 prune "$temporary/m.ply" "$room" --downscale 8 -o "$temporary/pruned.glb" --method lightgaussian --ratio 0.5 --quiet

@@ -4,7 +4,7 @@
 
 // Importance of the primitives of a trained model, and pruning by it. Scores of four published
 // methods; what each primitive contributes to the training views. No training: fine-tune a pruned
-// model with SGS_SCHEDULE_FINETUNE (trainer.h).
+// model with sgs_finetune (trainer.h).
 //
 // Threads: all functions may be called from any thread at any time; the model and the scene must
 // not change meanwhile. Results do not depend on the number of threads, bit for bit.

@@ -422,6 +422,31 @@ SGS_API size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer);
 // 0.
 SGS_API sgs_status sgs_checkpoint_gaussians(const char *path, size_t *gaussians);
 
+// Fine-tuning of a stored model: all parameters of the primitives that it has, with
+// SGS_SCHEDULE_FINETUNE and without SPARE-GS. Fields as in sgs_train_options; the number at the end
+// of a comment is the default.
+typedef struct sgs_finetune_options {
+    size_t struct_size; // set by sgs_finetune_options_default()
+    int iterations;     // >= 1; 5000
+    sgs_filter filter;  // 3DGS
+    double compact_box; // 1
+    float background[3];
+    uint64_t seed; // 0
+    // Called after every iteration, or NULL. Returning false cancels.
+    bool (*progress)(void *user, const sgs_step_info *info);
+    void *progress_user;
+} sgs_finetune_options;
+
+// Cannot fail.
+SGS_API sgs_finetune_options sgs_finetune_options_default(void);
+
+// Trains a copy of `model` on the training views of the scene, whose images are loaded. *tuned: as
+// many primitives, perhaps in another order, owned by the caller; Mip-Splatting's 3D filter is
+// fused into it, as by sgs_trainer_write_ply. Fails as sgs_trainer_create and sgs_trainer_step, or
+// with CANCELLED; *tuned is then NULL.
+SGS_API sgs_status sgs_finetune(const sgs_gaussians *model, const sgs_scene *scene,
+                                const sgs_finetune_options *options, sgs_gaussians **tuned);
+
 #ifdef __cplusplus
 }
 #endif

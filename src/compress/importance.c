@@ -109,30 +109,16 @@ sgs_status sgsi_blending_importance(const sgsi_compress_job *job, double *import
     return status;
 }
 
-static sgs_status train(sgsi_compress_job *job, const sgs_gaussians *model, int iterations)
+typedef struct tuning {
+    const sgsi_compress_job *job;
+    int iterations;
+} tuning;
+
+static bool tuning_progress(void *user, const sgs_step_info *info)
 {
-    sgs_train_options options = sgs_train_options_default();
-    options.iterations = iterations;
-    options.schedule = SGS_SCHEDULE_FINETUNE;
-    options.filter = job->render.filter;
-    options.compact_box = job->render.compact_box;
-    options.sh_degree = job->sh_degree;
-    memcpy(options.background, job->options->background, sizeof options.background);
-    options.spare = 0;
-    options.seed = job->options->seed;
-    options.init = model;
-    sgs_trainer *trainer = NULL;
-    sgs_status status = sgs_trainer_create(job->options->scene, &options, &trainer);
-    sgs_step_info info = {.stop = SGS_STOP_NONE};
-    for (int i = 0; i < iterations && info.stop == SGS_STOP_NONE && !status; ++i) {
-        status = sgsi_compress_progress(job, "fine-tuning", (size_t)i, (size_t)iterations);
-        if (!status)
-            status = sgs_trainer_step(trainer, &info);
-    }
-    if (!status)
-        sgsi_rows_set(job, sgs_trainer_model(trainer));
-    sgs_trainer_destroy(trainer);
-    return status;
+    const tuning *t = user;
+    return !sgsi_compress_progress(t->job, "fine-tuning", (size_t)info->iteration,
+                                   (size_t)t->iterations);
 }
 
 sgs_status sgsi_finetune_iterations(const sgsi_compress_job *job, int automatic, int *iterations)
@@ -150,10 +136,22 @@ sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic)
     sgs_status status = sgsi_finetune_iterations(job, automatic, &iterations);
     if (status || !iterations)
         return status;
-    sgs_gaussians *model = NULL;
+    tuning t = {job, iterations};
+    sgs_finetune_options options = sgs_finetune_options_default();
+    options.iterations = iterations;
+    options.filter = job->render.filter;
+    options.compact_box = job->render.compact_box;
+    memcpy(options.background, job->options->background, sizeof options.background);
+    options.seed = job->options->seed;
+    options.progress = tuning_progress;
+    options.progress_user = &t;
+    sgs_gaussians *model = NULL, *tuned = NULL;
     status = sgsi_rows_model(job, &model);
     if (!status)
-        status = train(job, model, iterations);
+        status = sgs_finetune(model, job->options->scene, &options, &tuned);
+    if (!status)
+        sgsi_rows_set(job, tuned);
     sgs_gaussians_destroy(model);
+    sgs_gaussians_destroy(tuned);
     return status;
 }

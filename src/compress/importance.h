@@ -24,5 +24,5 @@ void sgsi_rows_keep(sgsi_compress_job *job, const bool *keep);
 // options->finetune; -1 means `automatic` iterations, or none without a scene. Fails with
 // INVALID_ARGUMENT if a scene is required.
 sgs_status sgsi_finetune_iterations(const sgsi_compress_job *job, int automatic, int *iterations);
-// Trains the rows for that number of iterations: no densification, final position rate.
+// Trains the rows for that number of iterations, as sgs_finetune.
 sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic);

@@ -15,8 +15,10 @@
 #include <cmocka.h>
 
 #include "compress/eigen3.h"
+#include "model/filter_3d.h"
 #include "support/compress_support.h"
 #include "support/files_support.h"
+#include "support/prune_support.h"
 
 static void covariance_survives_the_eigen_decomposition(void **state)
 {
@@ -143,6 +145,40 @@ static void counts_are_the_share_to_keep(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// A model trained with Mip-Splatting's 3D filter is saved with it: no axis is shorter.
+static void fine_tuning_applies_the_3d_filter(void **state)
+{
+    (void)state;
+    enum { COUNT = 300 };
+    sgs_gaussians *model = pack_model(COUNT, 0, 8), *decoded;
+    for (size_t i = 0; i < COUNT; ++i)
+        for (int k = 0; k < 3; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) = -12;
+    sgs_scene *scene = prune_scene(48, 32);
+    sgs_render_options render = sgs_render_options_default();
+    render.filter = SGS_FILTER_MIP;
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_GHAP;
+    options.scene = scene;
+    options.render = &render;
+    options.keep = 0.5;
+    options.finetune = 2;
+    const temp_folder folder = temp_folder_make();
+    assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+    assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+    float filter[COUNT];
+    sgsi_filter_3d_compute(decoded, scene, (const size_t[]){0, 1, 2}, PRUNE_VIEWS, filter);
+    for (size_t i = 0; i < decoded->count; ++i)
+        for (int k = 0; k < 3; ++k) {
+            const float s = expf(*sgs_gaussians_at(decoded, i, SGS_PARAM_SCALE + k));
+            assert_true(filter[i] > 0 && s >= 0.999f * filter[i]);
+        }
+    temp_folder_remove(&folder);
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -150,6 +186,7 @@ int main(void)
         cmocka_unit_test(a_cluster_becomes_its_weighted_mean),
         cmocka_unit_test(keeping_all_changes_no_covariance),
         cmocka_unit_test(counts_are_the_share_to_keep),
+        cmocka_unit_test(fine_tuning_applies_the_3d_filter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,8 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Trains the parameters of an existing model without changing their number: the trainer with
-// SGS_SCHEDULE_FINETUNE. Writes no files.
+// sgs_finetune with the values of the command line and its progress. Writes no files.
 
 #include "cli/shared_options.h"
 #include "sparegs/trainer.h"

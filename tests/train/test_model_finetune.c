@@ -1,0 +1,96 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Fine-tuning of a stored model: the bits of a trainer with that schedule, with the 3D filter
+// applied; an end by the caller.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "support/compress_support.h"
+#include "support/prune_support.h"
+#include "support/trainer_support.h"
+
+enum { STEPS = 3 };
+
+static void result_is_that_of_a_trainer(void **state)
+{
+    (void)state;
+    sgs_gaussians *model = pack_model(200, 1, 3), *tuned, *fused;
+    sgs_scene *scene = prune_scene(48, 32);
+    for (int mip = 0; mip < 2; ++mip) {
+        sgs_finetune_options options = sgs_finetune_options_default();
+        options.iterations = STEPS;
+        options.filter = mip ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+        options.seed = 5;
+        assert_int_equal(sgs_finetune(model, scene, &options, &tuned), SGS_STATUS_OK);
+        sgs_train_options training = sgs_train_options_default();
+        training.iterations = STEPS;
+        training.schedule = SGS_SCHEDULE_FINETUNE;
+        training.filter = options.filter;
+        training.sh_degree = 1;
+        training.spare = 0;
+        training.seed = 5;
+        training.init = model;
+        sgs_trainer *trainer = trainer_create(scene, &training);
+        trainer_run(trainer, STEPS);
+        const sgs_gaussians *trained = sgs_trainer_model(trainer);
+        char hex[2][17];
+        if (mip) {
+            assert_int_equal(
+                sgs_gaussians_fuse_filter_3d(trained, sgs_trainer_filter_3d(trainer), &fused), 0);
+            sgs_gaussians_hash(fused, hex[0]);
+            sgs_gaussians_destroy(fused);
+        } else {
+            sgs_gaussians_hash(trained, hex[0]);
+        }
+        sgs_gaussians_hash(tuned, hex[1]);
+        assert_int_equal(tuned->sh_degree, 1);
+        assert_string_equal(hex[0], hex[1]);
+        sgs_gaussians_destroy(tuned);
+        sgs_trainer_destroy(trainer);
+    }
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+}
+
+static bool stop_at_2(void *user, const sgs_step_info *info)
+{
+    *(int *)user = info->iteration;
+    return info->iteration < 2;
+}
+
+static void caller_can_cancel(void **state)
+{
+    (void)state;
+    sgs_gaussians *model = pack_model(100, 0, 3), *tuned = model;
+    sgs_scene *scene = prune_scene(48, 32);
+    int last = 0;
+    sgs_finetune_options options = sgs_finetune_options_default();
+    options.progress = stop_at_2;
+    options.progress_user = &last;
+    assert_int_equal(sgs_finetune(model, scene, &options, &tuned), SGS_STATUS_CANCELLED);
+    assert_null(tuned);
+    assert_int_equal(last, 2);
+    options.iterations = 0;
+    assert_int_equal(sgs_finetune(model, scene, &options, &tuned), SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "iterations"));
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(result_is_that_of_a_trainer),
+        cmocka_unit_test(caller_can_cancel),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

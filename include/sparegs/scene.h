@@ -50,7 +50,9 @@ typedef struct sgs_view {
 
 typedef struct sgs_scene_options {
     size_t struct_size; // set by sgs_scene_options_default()
-    // Image folder next to the sparse model, or an absolute path; NULL = "images".
+    // Image folder next to the sparse model, or an absolute path; NULL = "images". For
+    // transforms.json, whose names include the folder, this folder replaces the top folder that all
+    // names share; NULL = as named.
     const char *images_dir;
     // Divisor of width and height (area average), >= 1; 0 = automatic: 1, or the width is reduced
     // to 1600 pixels with a warning.

@@ -20,6 +20,13 @@ bool sgsi_mask_is_name(const char *name)
     return length > tail && !strcmp(name + length - tail, suffix);
 }
 
+// Length of a path without its extension.
+static int stem_length(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+    return (int)(dot && !strchr(dot, '/') ? (size_t)(dot - path) : strlen(path));
+}
+
 // Uses `candidate` if the file exists. Takes ownership; returns false if candidate is NULL (out of
 // memory).
 static bool use_if_file(char *candidate, char **path)
@@ -31,27 +38,30 @@ static bool use_if_file(char *candidate, char **path)
     return candidate != NULL;
 }
 
-sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_folder,
-                          const char *name, char **path)
+// BASE/STEM.png or BASE/NAME.png. False if out of memory.
+static bool use_named(const char *base, const char *name, char **path)
+{
+    return use_if_file(sgsi_format("%s/%.*s.png", base, stem_length(name), name), path) &&
+           (*path || use_if_file(sgsi_format("%s/%s.png", base, name), path));
+}
+
+sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
+                          const char *name, size_t skip, char **path)
 {
     static const char *const usual[] = {"masks", "mask"};
-    const char *dot = strrchr(name, '.');
-    const int stem = dot && !strchr(dot, '/') ? (int)(dot - name) : (int)strlen(name);
-    // Names in transforms.json include the image folder; masks do not.
-    const int skip = !strncmp(name, "images/", 7) ? 7 : 0;
     bool memory = true;
     *path = NULL;
     for (int i = 0; i < (folder ? 1 : 2) && memory && !*path; ++i) {
         char *base = folder && folder[0] == '/'
                          ? sgsi_strdup(folder)
                          : sgsi_format("%s/%s", root, folder ? folder : usual[i]);
-        memory = base &&
-                 use_if_file(sgsi_format("%s/%.*s.png", base, stem - skip, name + skip), path) &&
-                 (*path || use_if_file(sgsi_format("%s/%s.png", base, name + skip), path));
+        memory = base && use_named(base, name + skip, path) &&
+                 (*path || !skip || use_named(base, name, path));
         sgsi_free(base);
     }
     if (memory && !*path && !folder)
-        memory = use_if_file(sgsi_format("%s/%.*s%s", image_folder, stem, name, suffix), path);
+        memory =
+            use_if_file(sgsi_format("%.*s%s", stem_length(image_path), image_path, suffix), path);
     return memory
                ? SGS_STATUS_OK
                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to search for its mask", name);

@@ -11,11 +11,12 @@
 
 #include "sparegs/scene.h"
 
-// Finds the mask file of photograph `name` (relative to image_folder); *path is NULL if there is
+// Finds the mask file of photograph `name`, whose file is image_path; *path is NULL if there is
 // none. Masks are searched in `root`/masks and `root`/mask, or in `folder` (relative to root, or
-// absolute) if given, and next to the photograph.
-sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_folder,
-                          const char *name, char **path);
+// absolute) if given, and next to the photograph. `skip`: length of the part of the name that is
+// the image folder, which the paths of masks may omit.
+sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
+                          const char *name, size_t skip, char **path);
 
 // True for names of masks next to photographs: STEM_mask.png.
 bool sgsi_mask_is_name(const char *name);

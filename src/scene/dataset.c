@@ -56,6 +56,37 @@ const char *sgsi_image_name_clean(char *name)
     return out == name ? "is empty" : NULL;
 }
 
+size_t sgsi_dataset_top_folder(const sgsi_dataset *dataset)
+{
+    const char *first = dataset->frame_count ? dataset->frames[0].name : "";
+    const char *end = strchr(first, '/');
+    const size_t length = end ? (size_t)(end - first) + 1 : 0;
+    for (size_t i = 1; i < dataset->frame_count; ++i)
+        if (strncmp(dataset->frames[i].name, first, length) != 0)
+            return 0;
+    return length;
+}
+
+sgs_status sgsi_dataset_add_roots(const sgsi_dataset *dataset, const char *image_folder,
+                                  sgsi_roots *roots)
+{
+    const char *before = "";
+    for (size_t i = 0; i < dataset->frame_count; ++i) {
+        const char *name = dataset->frames[i].name, *end = strchr(name, '/');
+        const size_t length = end ? (size_t)(end - name) + 1 : 0;
+        if (!length || !strncmp(name, before, length))
+            continue;
+        before = name;
+        char *folder = sgsi_format("%s/%.*s", image_folder, (int)length, name);
+        if (!folder)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its folders",
+                             image_folder);
+        sgsi_roots_add(roots, folder);
+        sgsi_free(folder);
+    }
+    return SGS_STATUS_OK;
+}
+
 static int frame_order(const void *a, const void *b)
 {
     const sgsi_frame *x = *(const sgsi_frame *const *)a, *y = *(const sgsi_frame *const *)b;

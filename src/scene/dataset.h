@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "base/path_sandbox.h"
 #include "sparegs/scene.h"
 
 // A registered photograph. A camera of width 0 takes its size from the image file; a positive
@@ -43,6 +44,15 @@ void sgsi_dataset_free(sgsi_dataset *dataset);
 // reason if the name is empty, too long, has control characters or leaves its folder (absolute,
 // "..").
 const char *sgsi_image_name_clean(char *name);
+
+// Length, with its '/', of the top folder that the names of all frames share; 0 if there is none.
+// Cannot fail.
+size_t sgsi_dataset_top_folder(const sgsi_dataset *dataset);
+
+// Adds the top-level folders of the names, which are relative to image_folder, as roots: they may
+// be links, like COLMAP's image folder. The frames are sorted by name. Fails with OUT_OF_MEMORY.
+sgs_status sgsi_dataset_add_roots(const sgsi_dataset *dataset, const char *image_folder,
+                                  sgsi_roots *roots);
 
 // Fails if two frames have the same name. `path` and `unit` ("byte", "line") are used in the error.
 sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *path,

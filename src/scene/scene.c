@@ -64,7 +64,8 @@ typedef struct loader {
     sgsi_dataset dataset;
     slot *slots; // parallel to dataset.frames
     sgsi_roots roots;
-    bool mask_folder; // a mask folder exists
+    size_t top_folder; // transforms: length of the folder that all names begin with
+    bool mask_folder;  // a mask folder exists
     lens_mask *lenses;
     size_t lens_count;
     bool limited; // the photographs exceed the image cache
@@ -389,11 +390,17 @@ static sgs_status use_named_mask(const loader *l, size_t i)
         l->files.model_path, l->scene->views[i].name);
 }
 
+// Length of the part of a name that is the image folder: names in transforms.json include it.
+static size_t image_folder_length(const loader *l, const char *name)
+{
+    return strncmp(name, "images/", 7) ? l->top_folder : 7;
+}
+
 // Finds the masks of all views. Mask folders are next to the image folder; option masks_dir
 // overrides masks named in camera files.
 static sgs_status find_masks(loader *l)
 {
-    const char *folder = l->options->masks_dir, *images = l->files.image_folder;
+    const char *folder = l->options->masks_dir;
     if ((folder && !strcmp(folder, "none")) || cameras_only(l))
         return SGS_STATUS_OK;
     const char *root = l->files.mask_root;
@@ -414,33 +421,15 @@ static sgs_status find_masks(loader *l)
         l->mask_folder = l->mask_folder || (place && sgsi_is_folder(place));
         sgsi_free(place);
     }
-    for (size_t i = 0; i < l->scene->view_count && !status; ++i)
+    for (size_t i = 0; i < l->scene->view_count && !status; ++i) {
+        sgs_view *view = &l->scene->views[i];
         status = !folder && l->dataset.frames[i].mask
                      ? use_named_mask(l, i)
-                     : sgsi_mask_find(root, folder, images, l->scene->views[i].name,
-                                      &l->scene->views[i].mask_path);
+                     : sgsi_mask_find(root, folder, view->image_path, view->name,
+                                      image_folder_length(l, view->name), &view->mask_path);
+    }
     sgsi_free(given);
     return status;
-}
-
-// Adds the top-level folders of the names in transforms.json as roots: they may be links, like
-// COLMAP's image folder.
-static sgs_status add_named_folders(loader *l)
-{
-    const char *before = "";
-    for (size_t i = 0; !l->files.colmap && i < l->scene->view_count; ++i) {
-        const char *name = l->scene->views[i].name, *end = strchr(name, '/');
-        const size_t length = end ? (size_t)(end - name) + 1 : 0;
-        if (!length || !strncmp(name, before, length))
-            continue;
-        before = name;
-        char *folder = sgsi_format("%s/%.*s", l->files.image_folder, (int)length, name);
-        if (!folder)
-            return sgsi_scene_no_memory(l->scene->path);
-        sgsi_roots_add(&l->roots, folder);
-        sgsi_free(folder);
-    }
-    return SGS_STATUS_OK;
 }
 
 // Creates the views, sorted by name, with the paths of their photographs and masks.
@@ -454,32 +443,28 @@ static sgs_status make_views(loader *l)
     if (!scene->views || !l->slots)
         return sgsi_scene_no_memory(scene->path);
     scene->view_count = count;
-    const char *images_dir = l->options->images_dir;
-    char *chosen = !l->files.colmap && images_dir
-                       ? sgsi_format("%s/%s", l->files.image_folder, images_dir)
-                       : NULL;
-    if (!l->files.colmap && images_dir && !chosen)
-        return sgsi_scene_no_memory(scene->path);
+    char *chosen;
+    sgs_status status = sgsi_scene_choose_images(
+        &l->files, cameras_only(l) ? NULL : l->options->images_dir, &chosen);
+    if (status)
+        return status;
+    l->top_folder = l->files.colmap ? 0 : sgsi_dataset_top_folder(&l->dataset);
     sgsi_roots_add(&l->roots, scene->path);
     sgsi_roots_add(&l->roots, l->files.image_folder);
     sgsi_roots_add(&l->roots, chosen);
-    sgsi_free(chosen);
-    for (size_t i = 0; i < count; ++i) {
+    if (!l->files.colmap)
+        status = sgsi_dataset_add_roots(&l->dataset, l->files.image_folder, &l->roots);
+    for (size_t i = 0; i < count && !status; ++i) {
         sgsi_frame *frame = &l->dataset.frames[i];
         sgs_view *view = &scene->views[i];
         *view = (sgs_view){.name = frame->name, .pose = frame->pose, .split = frame->split};
         frame->name = NULL;
-        // Names in transforms.json include the folder; option images_dir replaces it.
-        const bool replaced = !l->files.colmap && images_dir && !strncmp(view->name, "images/", 7);
-        char *moved = replaced ? sgsi_format("%s/%s", images_dir, view->name + 7) : NULL;
-        view->image_path = replaced && !moved ? NULL
-                                              : sgsi_scene_image_path(l->files.image_folder,
-                                                                      moved ? moved : view->name);
-        sgsi_free(moved);
-        if (!view->image_path)
-            return sgsi_scene_no_memory(scene->path);
+        const size_t skip = chosen ? image_folder_length(l, view->name) : 0;
+        view->image_path =
+            sgsi_scene_image_path(chosen ? chosen : l->files.image_folder, view->name + skip);
+        status = view->image_path ? SGS_STATUS_OK : sgsi_scene_no_memory(scene->path);
     }
-    const sgs_status status = add_named_folders(l);
+    sgsi_free(chosen);
     return status ? status : find_masks(l);
 }
 

@@ -113,6 +113,19 @@ static char *parent_folder(const char *path)
     return begin ? sgsi_format("%.*s", (int)begin, path) : sgsi_strdup(".");
 }
 
+static sgs_status fail_images(const char *path, const char *name)
+{
+    char others[256];
+    list_image_folders(path, others, sizeof others);
+    if (others[0])
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: no image folder '%s'; choose one of %s with option images_dir", path,
+                         name, others);
+    return sgsi_fail(SGS_STATUS_IO,
+                     "%s: no image folder '%s'; create it or choose another with option images_dir",
+                     path, name);
+}
+
 // model_only: `path` is a model itself (sparse/0), with the photographs next to `sparse`.
 static sgs_status find_images(const char *path, const char *images_dir, bool model_only,
                               sgsi_scene_files *files)
@@ -133,15 +146,7 @@ static sgs_status find_images(const char *path, const char *images_dir, bool mod
         }
         sgsi_free(candidate);
     }
-    char others[256];
-    list_image_folders(path, others, sizeof others);
-    if (others[0])
-        return sgsi_fail(SGS_STATUS_IO,
-                         "%s: no image folder '%s'; choose one of %s with option images_dir", path,
-                         name, others);
-    return sgsi_fail(SGS_STATUS_IO,
-                     "%s: no image folder '%s'; create it or choose another with option images_dir",
-                     path, name);
+    return fail_images(path, name);
 }
 
 // Reports an incompletely copied model; otherwise that no scene was found.
@@ -241,6 +246,24 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
     if (status)
         sgsi_scene_files_free(files);
     return status;
+}
+
+sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *images_dir,
+                                    char **chosen)
+{
+    *chosen = NULL;
+    if (files->colmap || !images_dir)
+        return SGS_STATUS_OK;
+    char *path = images_dir[0] == '/' ? sgsi_strdup(images_dir)
+                                      : sgsi_format("%s/%s", files->image_folder, images_dir);
+    if (!path)
+        return no_memory(files->image_folder);
+    if (sgsi_is_folder(path)) {
+        *chosen = path;
+        return SGS_STATUS_OK;
+    }
+    sgsi_free(path);
+    return fail_images(files->image_folder, images_dir);
 }
 
 char *sgsi_scene_image_path(const char *folder, const char *name)

@@ -527,6 +527,58 @@ static void any_failing_allocation_is_reported(void **state)
     tree_remove(&folder);
 }
 
+// The option replaces the folder that all names share, whatever it is called, and masks are found
+// without it.
+static void transforms_image_folder_may_have_any_name(void **state)
+{
+    (void)state;
+    static const uint8_t white[3] = {255, 255, 255};
+    static const char *const names[] = {"rgb/a/1.png", "rgb/b/2.png", "1.png", "2.png"};
+    for (int bare = 0; bare < 2; ++bare) {
+        const temp_folder folder = temp_folder_make();
+        char text[512];
+        snprintf(text, sizeof text,
+                 "{\"fl_x\":40,\"w\":32,\"h\":24,\"frames\":["
+                 "{\"file_path\":\"%s\",\"transform_matrix\":"
+                 "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]},"
+                 "{\"file_path\":\"%s\",\"transform_matrix\":"
+                 "[[1,0,0,1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}",
+                 names[2 * bare], names[2 * bare + 1]);
+        tree_put_text(&folder, "transforms.json", text);
+        for (int k = 0; k < 2; ++k) {
+            char place[64];
+            const char *below = names[2 * bare + k] + (bare ? 0 : 4);
+            tree_put_picture(&folder, names[2 * bare + k], 32, 24, 3, white);
+            snprintf(place, sizeof place, "half/%s", below);
+            tree_put_picture(&folder, place, 16, 12, 3, white);
+            snprintf(place, sizeof place, "masks/%s", below);
+            tree_put_picture(&folder, place, 32, 24, 3, white);
+        }
+        sgs_scene_options options = sgs_scene_options_default();
+        options.images_dir = "half";
+        options.load_images = false;
+        for (int absolute = 0; absolute < 2; ++absolute) {
+            sgs_scene *scene;
+            assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_OK);
+            assert_int_equal(scene->view_count, 2);
+            for (size_t v = 0; v < 2; ++v) {
+                assert_int_equal(scene->views[v].camera.width, 16);
+                assert_string_equal(scene->views[v].name, names[2 * bare + (int)v]);
+            }
+            assert_int_equal(scene->masks, 2);
+            sgs_scene_destroy(scene);
+            options.images_dir = temp_path(&folder, "half");
+        }
+        options.images_dir = "images_2";
+        sgs_scene *scene;
+        assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
+        bad_input();
+        assert_holds(sgs_last_error(), ": no image folder 'images_2'; create it or choose another "
+                                       "with option images_dir");
+        tree_remove(&folder);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -543,6 +595,7 @@ int main(void)
         cmocka_unit_test_setup(binary_point_cloud_is_read, warnings_begin),
         cmocka_unit_test_setup(scene_with_a_broken_point_cloud_has_no_points, warnings_begin),
         cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
+        cmocka_unit_test_setup(transforms_image_folder_may_have_any_name, warnings_begin),
     };
     return cmocka_run_group_tests_name("transforms", tests, NULL, NULL);
 }

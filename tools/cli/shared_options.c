@@ -79,7 +79,9 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, images),
      .argument = "DIR",
      .shown = "images",
-     .help = "image folder, next to the sparse model"},
+     .help =
+         "image folder, next to the sparse model; for transforms.json instead of the top folder "
+         "of the names"},
     {.name = "downscale",
      .kind = OPTION_INTEGER,
      .offset = offsetof(scene_values, downscale),

@@ -59,7 +59,8 @@ full=$(psnr "$model") half=$(psnr "$temporary/refine/prune_0.50.ply")
 check pruning_costs_quality above "$full" "$half"
 
 # finetuning_recovers_quality_and_keeps_the_number
-run 0 prune "$model" "$room" -o "$temporary/tuned.ply" --method refine --ratio 0.5 --finetune 60 --quiet --json
+run 0 prune "$model" "$room" -o "$temporary/tuned.ply" --method refine --ratio 0.5 --finetune 60 --seed 2 --quiet --json
+check the_seed_is_used bash -c "! grep 'has no effect' '$temporary/stderr'"
 json "$temporary/stdout" ".outputs[0].gaussians == ($input - ($input * 0.5 | floor))"
 check finetuning_helps above "$(psnr "$temporary/tuned.ply")" "$(awk "BEGIN { print $half + 1 }")"
 
@@ -84,7 +85,8 @@ usage "--method lightgaussian requires the operand SCENE" "$model" --method ligh
 usage "--method pup requires the operand SCENE" "$model" --method pup -o "$temporary/x.ply" --ratio 0.5
 usage "--finetune requires the operand SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --finetune 9
 usage "--downscale has no effect without SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --downscale 2
-run 0 prune "$model" "$room" --method refine --scores "$temporary/x.csv" --filter none
+run 0 prune "$model" "$room" --method refine --scores "$temporary/x.csv" --filter none --seed 2
+reports "--seed has no effect without --finetune"
 reports "--filter has no effect on a score that renders no views"
 run 1 prune "$temporary/light.ply" --method refine -o "$temporary/x.ply" --ratio 0.5
 reports "light.ply: no cameras: give SCENE, or a run folder with cameras.json"

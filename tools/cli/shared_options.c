@@ -41,11 +41,11 @@ static const option common_options[] = {
      .high = 9007199254740991.0,
      .argument = "N",
      .initial = "0",
-     .help = "random seed, used by train and profile"},
+     .help = "random seed, used by train, compress, profile and prune --finetune"},
     {.name = "json",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, json),
-     .help = "print the result as one JSON object on stdout"},
+     .help = "print the result as one JSON object on stdout; no effect on view"},
     {.name = "quiet",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, quiet),
@@ -63,8 +63,11 @@ option_group common_group(common_values *values)
 
 int common_apply(const common_values *values, const command_line *line)
 {
-    if (strcmp(line->command, "train") && strcmp(line->command, "profile"))
-        warn_idle(line, "seed", "on this command, which makes no random choice");
+    const bool prunes = !strcmp(line->command, "prune");
+    if (prunes ? !option_given(line, "finetune")
+               : find_word("train|compress|profile", line->command) < 0)
+        warn_idle(line, "seed",
+                  prunes ? "without --finetune" : "on this command, which makes no random choice");
     messages_set_quiet(values->quiet);
     sgs_threads_set(values->threads);
     group_check_binding();

@@ -147,8 +147,11 @@ sgs_status sgsi_distill(sgsi_compress_job *job, int iterations)
 {
     if (!job->options->scene)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the distillation requires a scene");
-    if (job->sh_degree <= DEGREE)
+    if (job->sh_degree <= DEGREE) {
+        sgsi_warn("option distill has no effect: the harmonics have degree %d already",
+                  job->sh_degree);
         return SGS_STATUS_OK;
+    }
     distilling d = {.job = job};
     sgs_status status = prepare(&d);
     if (!status)

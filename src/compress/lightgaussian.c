@@ -337,8 +337,11 @@ static sgs_status encode(sgsi_compress_job *job)
     double *importance = sgsi_alloc(job->count, sizeof *importance);
     bool *exact = sgsi_alloc(job->count, sizeof *exact);
     uint32_t *rows = sgsi_alloc(job->count, sizeof *rows);
-    sgs_status status = SGS_STATUS_OK;
-    if (!importance || !exact || !rows)
+    int iterations;
+    sgs_status status = sgsi_finetune_iterations(job, FINETUNE, &iterations);
+    if (!status && job->options->finetune > 0 && !(job->options->keep < 1))
+        sgsi_warn("option finetune has no effect on LightGaussian unless keep is below 1");
+    if (!status && (!importance || !exact || !rows))
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status)
         status = sgsi_significance(job, importance);

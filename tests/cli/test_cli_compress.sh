@@ -22,6 +22,13 @@ for method in lightgaussian sog mesongs ghap fcgs-like; do
         file=$temporary/$method.$preset
         run 0 compress "$model" "$room" --downscale 8 -o "$file" --method $method --preset spare-$preset "${extra[@]}" --json
         cp "$temporary/stdout" "$temporary/$method.json"
+        case $method in # a_scene_without_effect_is_named
+            sog | fcgs-like)
+                reports "SCENE has no effect on --method $method"
+                reports "--downscale has no effect on --method $method"
+                ;;
+            *) check no_option_is_idle bash -c "! grep 'has no effect' '$temporary/stderr'" ;;
+        esac
         json "$temporary/$method.json" ".method == \"$method\" and .input == $primitives and .gaussians <= .input"
         json "$temporary/$method.json" ".bytes == $(stat -c %s "$file") and (.bytes_per_gaussian * $primitives - .bytes | fabs) < 1"
         run 0 decompress "$file" -o "$temporary/1.ply" --threads 1 --json
@@ -55,8 +62,10 @@ reports "--codec requires --method sog"
 one_line
 
 # fine_tuning_improves_the_model
-run 0 compress "$model" "$room" --downscale 8 -o "$temporary/tuned" --method ghap --preset spare-3 --finetune 100
+run 0 compress "$model" "$room" --downscale 8 -o "$temporary/tuned" --method ghap --preset spare-3 --finetune 100 --seed 2
+check the_seed_is_used bash -c "! grep 'has no effect' '$temporary/stderr'"
 run 0 compress "$model" "$room" --downscale 8 -o "$temporary/plain" --method ghap --preset spare-3 --finetune 0
+reports "SCENE has no effect with --finetune 0"
 for file in tuned plain; do
     run 0 decompress "$temporary/$file" -o "$temporary/$file.ply"
     run 0 eval "$temporary/$file.ply" "$room" --downscale 8 --split train --json
@@ -66,18 +75,24 @@ check fine_tuning_gains_3_dB jq -ne --slurpfile a "$temporary/tuned.json" --slur
     '$a[0].mean.psnr > $b[0].mean.psnr + 3'
 for steps in 0 150; do
     run 0 compress "$model" "$room" --downscale 8 -o "$temporary/meson" --method mesongs --preset spare-2 --codebook 64 \
-        --vq-steps 50 --finetune $steps
+        --vq-steps 50 --finetune $steps --background 0,0,0
+    check idle_only_without_fine_tuning test "$(grep -c 'background has no effect without' "$temporary/stderr")" = $((steps == 0))
     run 0 decompress "$temporary/meson" -o "$temporary/meson.ply"
     run 0 eval "$temporary/meson.ply" "$room" --downscale 8 --split train --json
     cp "$temporary/stdout" "$temporary/meson_$steps.json"
 done
 check fine_tuning_through_the_quantiser_gains_1_dB jq -ne --slurpfile a "$temporary/meson_150.json" \
     --slurpfile b "$temporary/meson_0.json" '$a[0].mean.psnr > $b[0].mean.psnr + 1'
-run 1 compress "$model" -o "$temporary/none" --method mesongs --finetune 5
-reports "fine-tuning requires a scene"
+for method in ghap mesongs lightgaussian; do
+    run 2 compress "$model" -o "$temporary/none" --method $method --finetune 5
+    reports "--finetune: fine-tuning requires a scene; add the operand SCENE"
+    one_line
+done
+run 2 compress "$model" "$room" -o "$temporary/none" --method lightgaussian --finetune 5
+reports "--finetune has no effect on lightgaussian without --keep below 1"
 one_line
-run 1 compress "$model" -o "$temporary/none" --method ghap --finetune 5
-reports "fine-tuning requires a scene"
+run 2 compress "$model" -o "$temporary/none" --downscale 8
+reports "--downscale has no effect without SCENE"
 one_line
 
 # distillation_learns_the_renders_of_the_model
@@ -91,9 +106,24 @@ for steps in 1 120; do
 done
 check distillation_does_not_lose_quality jq -ne --slurpfile a "$temporary/light_120.json" \
     --slurpfile b "$temporary/light_1.json" '$a[0].mean.psnr > $b[0].mean.psnr - 0.05'
-run 1 compress "$model" -o "$temporary/none" --method lightgaussian --distill 5
-reports "the distillation requires a scene"
+run 2 compress "$model" -o "$temporary/none" --method lightgaussian --distill 5
+reports "--distill: the distillation requires a scene"
 one_line
+
+# photographs_are_loaded_for_training_only (the mask of one of them excludes every pixel)
+cp -r "$room" "$temporary/masked"
+mkdir "$temporary/masked/masks"
+oiiotool --create 480x270 3 -d uint8 -o "$temporary/masked/masks/0002.png"
+for steps in 0 1; do
+    distill=()
+    if [ $steps = 1 ]; then distill=(--distill 1); fi
+    run 0 compress "$temporary/light.ply" "$temporary/masked" --downscale 8 -o "$temporary/none" --method lightgaussian \
+        --codebook 4 --vq-steps 1 "${distill[@]}"
+    check the_mask_is_noticed_with_training test "$(grep -c '0002.png: mask excludes every pixel' "$temporary/stderr")" = $steps
+done
+# (the model has degree 2 already)
+reports "--distill has no effect: the harmonics have degree 2 already"
+rm "$temporary/none"
 
 # mistakes_are_named
 run 2 compress "$model"

@@ -64,12 +64,17 @@ static void print_line(const char *prefix, const char *format, bool is_error, va
     pthread_mutex_unlock(&console.lock);
 }
 
-// Fields of sgs_scene_options and sgs_render_options whose flags have other names.
+// Fields of other options than those of training, and their flags.
 static const struct {
     const char *field, *flag;
-} renamed_fields[] = {{"images_dir", "images"},           {"masks_dir", "masks"},
-                      {"colorspace", "input-colorspace"}, {"invert_masks", "invert-masks"},
-                      {"downscale", "downscale"},         {"view_width", "size"}};
+} renamed_fields[] = {{"images_dir", "images"},
+                      {"masks_dir", "masks"},
+                      {"colorspace", "input-colorspace"},
+                      {"invert_masks", "invert-masks"},
+                      {"downscale", "downscale"},
+                      {"view_width", "size"},
+                      {"distill", "distill"},
+                      {"finetune", "finetune"}};
 
 // Writes the flag of a field with its dashes; false if the field has none.
 static bool flag_of_field(const char *field, char flag[48])

@@ -299,6 +299,118 @@ static int compress_model(const sgs_gaussians *model, const sgs_compress_options
     return EXIT_DONE;
 }
 
+// True if the method trains on the images of SCENE.
+static bool fine_tunes(const compress_values *values)
+{
+    switch (values->method) {
+    case SGS_COMPRESS_GHAP:
+    case SGS_COMPRESS_MESONGS:
+        return values->finetune != 0;
+    case SGS_COMPRESS_LIGHTGAUSSIAN:
+        return values->finetune != 0 && values->keep > 0 && values->keep < 1;
+    default:
+        return false;
+    }
+}
+
+static bool loads_photos(const compress_values *values)
+{
+    return fine_tunes(values) || values->distill;
+}
+
+// True if the method reads SCENE.
+static bool reads_views(const compress_values *values)
+{
+    return values->method == SGS_COMPRESS_LIGHTGAUSSIAN || values->method == SGS_COMPRESS_MESONGS ||
+           fine_tunes(values);
+}
+
+#define VIEW_OPTIONS "images|downscale|eval|test-every|test-images|filter|compact-box|near"
+#define PHOTO_OPTIONS "masks|invert-masks|alpha|input-colorspace"
+#define TRAINING_OPTIONS "image-cache|background"
+
+// Refuses options without effect. Returns -1 to continue, or an exit status.
+static int check_values(const command_line *line, const compress_values *values)
+{
+    const bool has_scene = line->operand_count > 1;
+    if (!values->output)
+        return fail_usage("compress requires -o FILE");
+    if (!has_scene && values->finetune > 0)
+        return fail_usage("--finetune: fine-tuning requires a scene; add the operand SCENE");
+    if (!has_scene && values->distill)
+        return fail_usage("--distill: the distillation requires a scene; add the operand SCENE");
+    if (values->finetune > 0 && !fine_tunes(values))
+        return refuse_idle(line, "finetune", "on lightgaussian without --keep below 1");
+    return has_scene ? -1
+                     : refuse_idle(line, VIEW_OPTIONS "|" PHOTO_OPTIONS "|" TRAINING_OPTIONS,
+                                   "without SCENE");
+}
+
+// Warns about SCENE and its options where the method does not read them.
+static void warn_idle_options(const command_line *line, const compress_values *values)
+{
+    if (values->method == SGS_COMPRESS_FCGS_LIKE)
+        warn_idle(line, "seed", "on fcgs-like, which makes no random choice");
+    if (line->operand_count < 2)
+        return;
+    if (!reads_views(values)) {
+        char *why =
+            values->method == SGS_COMPRESS_GHAP
+                ? format_text("with --finetune 0")
+                : format_text("on --method %s",
+                              sgs_compress_method_name((sgs_compress_method)values->method));
+        print_warning("SCENE has no effect %s", why);
+        warn_idle(line, VIEW_OPTIONS "|" PHOTO_OPTIONS "|" TRAINING_OPTIONS, why);
+        free(why);
+        return;
+    }
+    if (values->method == SGS_COMPRESS_GHAP)
+        warn_idle(line, "near", "on ghap, which trains with the near distance of the scene");
+    if (!fine_tunes(values))
+        warn_idle(line, PHOTO_OPTIONS, "without fine-tuning");
+    if (!loads_photos(values))
+        warn_idle(line, TRAINING_OPTIONS, "without fine-tuning or distillation");
+}
+
+static int run_compress(const command_call *call, const compress_values *values, scene_values *data,
+                        drawing_values *drawing, model_path *located)
+{
+    const bool views = call->line.operand_count > 1 && reads_views(values);
+    sgs_scene *scene = NULL;
+    sgs_gaussians *model = NULL;
+    int status = model_scene_resolve(data, &call->line, located);
+    if (status >= 0)
+        return status;
+    if (views) {
+        scene = scene_open(call->line.operands[1], data, loads_photos(values));
+        if (!scene)
+            return EXIT_FAILED;
+        if (fine_tunes(values))
+            scene_warn_idle(scene, data, &call->line);
+    }
+    drawing_resolve(drawing, &call->line, located->config, data, scene);
+    const bool read = model_read(located, drawing, &model);
+    const sgs_render_options render = drawing_render_options(drawing);
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = (sgs_compress_method)values->method;
+    options.preset = values->preset + 1;
+    options.seed = call->common.seed;
+    options.scene = scene;
+    options.render = &render;
+    for (int c = 0; c < 3; ++c)
+        options.background[c] = drawing->background[c];
+    set_method_options(values, &options);
+    const sgs_model_write_options marks = model_write_options(drawing);
+    model_warn_unmarked(values->output, SGS_MODEL_FORMAT_COUNT, &marks);
+    const char *stage = NULL;
+    options.progress = show_progress;
+    options.progress_user = &stage;
+    status = read ? compress_model(model, &options, values, call->common.json) : EXIT_FAILED;
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+    return status;
+}
+
 int command_compress(int argc, char **argv)
 {
     command_call call;
@@ -317,46 +429,18 @@ int command_compress(int argc, char **argv)
                                .scene = &data,
                                .drawing = &drawing};
     int status = command_begin(&spec, argc, argv, &call);
+    if (status < 0)
+        status = check_values(&call.line, &values);
     if (status >= 0)
         return status;
-    if (!values.output)
-        return fail_usage("compress requires -o FILE");
+    warn_idle_options(&call.line, &values);
     if (!check_output(values.output))
         return EXIT_FAILED;
     interrupt_watch();
     model_path located;
-    sgs_scene *scene = NULL;
-    sgs_gaussians *model = NULL;
-    const bool views = call.line.operand_count > 1;
-    status = EXIT_FAILED;
-    if (model_locate(call.line.operands[0], &located)) {
-        status = model_scene_resolve(&data, &call.line, &located);
-        if (status < 0 && views)
-            scene = scene_open(call.line.operands[1], &data, true);
-        if (status < 0 && (scene || !views)) {
-            drawing_resolve(&drawing, &call.line, located.config, &data, scene);
-            const bool read = model_read(&located, &drawing, &model);
-            const sgs_render_options render = drawing_render_options(&drawing);
-            sgs_compress_options options = sgs_compress_options_default();
-            options.method = (sgs_compress_method)values.method;
-            options.preset = values.preset + 1;
-            options.seed = call.common.seed;
-            options.scene = scene;
-            options.render = &render;
-            for (int c = 0; c < 3; ++c)
-                options.background[c] = drawing.background[c];
-            set_method_options(&values, &options);
-            const sgs_model_write_options marks = model_write_options(&drawing);
-            model_warn_unmarked(values.output, SGS_MODEL_FORMAT_COUNT, &marks);
-            const char *stage = NULL;
-            options.progress = show_progress;
-            options.progress_user = &stage;
-            status =
-                read ? compress_model(model, &options, &values, call.common.json) : EXIT_FAILED;
-        }
-    }
-    sgs_gaussians_destroy(model);
-    sgs_scene_destroy(scene);
+    status = model_locate(call.line.operands[0], &located)
+                 ? run_compress(&call, &values, &data, &drawing, &located)
+                 : EXIT_FAILED;
     model_path_free(&located);
-    return status < 0 ? EXIT_FAILED : status;
+    return status;
 }

@@ -415,6 +415,12 @@ static json_t *run_for_result(argument_list *list, const post_run *run, const ch
     return result;
 }
 
+// False for methods on which `compress` warns that SCENE has no effect.
+static bool takes_scene(const post_point *point)
+{
+    return strcmp(point->method, "sog") != 0 && strcmp(point->method, "fcgs-like") != 0;
+}
+
 // Makes `file`: a pruned model or a compressed file.
 static json_t *make_file(const post_point *point, const post_run *run, const char *file,
                          const char *output, int *status)
@@ -422,7 +428,8 @@ static json_t *make_file(const post_point *point, const post_run *run, const cha
     argument_list list = {0};
     add_text(&list, point->kind);
     add_text(&list, run->folder);
-    add_text(&list, run->scene_path);
+    if (takes_scene(point))
+        add_text(&list, run->scene_path);
     add_option(&list, "-o", file);
     const char *key;
     json_t *value;

@@ -206,6 +206,8 @@ reports "the name requests no known format"
 run 2 convert "$ply" "$temporary/a.ply" --spz-version 4
 reports "--spz-version has no effect unless OUT is an .spz file"
 run 2 convert "$ply" "$temporary/a.ply" --ksplat-level 2
+run 2 convert "$ply" "$temporary/a.ply" --input-spz-axes rdf
+reports "--input-spz-axes has no effect unless IN is an .spz file"
 run 2 convert "$ply" "$temporary/a.ply" --lod-levels 2
 run 2 convert "$ply" "$temporary/a.ply" --sh-palette 5
 run 2 convert "$ply" "$temporary/a.ply" "$room"

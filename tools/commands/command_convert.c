@@ -286,6 +286,13 @@ static int parse_floaters(convert_plan *plan)
     return -1;
 }
 
+// True if IN exists and is no .spz file.
+static bool is_other(const char *in)
+{
+    sgs_model_format format;
+    return file_exists(in) && !(sgs_model_format_detect(in, &format) && format == SGS_MODEL_SPZ);
+}
+
 static int parse_plan(const command_line *line, const convert_values *values, convert_plan *plan)
 {
     *plan = (convert_plan){.values = values};
@@ -313,6 +320,8 @@ static int parse_plan(const command_line *line, const convert_values *values, co
     int status = parse_conditions(plan);
     if (status < 0)
         status = parse_floaters(plan);
+    if (status < 0 && option_given(line, "input-spz-axes") && is_other(line->operands[0]))
+        status = refuse_idle(line, "input-spz-axes", "unless IN is an .spz file");
     if (status < 0 && plan->format != SGS_MODEL_SPZ)
         status = refuse_idle(line, "spz-version|spz-axes", "unless OUT is an .spz file");
     if (status < 0 && plan->format != SGS_MODEL_KSPLAT)

@@ -21,6 +21,7 @@ check four_frames test "$(pictures "$temporary/orbit" exr)" = \
 check frames_differ bash -c "! oiiotool --fail 0.01 '$temporary/orbit/orbit_00000.exr' '$temporary/orbit/orbit_00002.exr' --diff"
 run 0 render "$model" "$room" --orbit 4 --frames 1-3:2 --aov rgba --save-cameras chan,usda -o "$temporary/some"
 check every_second test "$(pictures "$temporary/some" exr)" = 'orbit_00001.exr orbit_00003.exr '
+check a_pinhole_has_no_distortion bash -c "! grep distortion '$temporary/stderr'"
 check chan_has_frame_numbers test "$(cut -f 1 "$temporary/some/cameras.chan" | tr '\n' ' ')" = '0 1 2 3 '
 check usda_has_frame_numbers test "$(grep -oE '^        [0-9]+: \(\(|(start|end)TimeCode = [0-9]+' "$temporary/some/cameras.usda" |
     tr -d ':( \n')" = startTimeCode=0endTimeCode=30123
@@ -136,6 +137,7 @@ run 2 render "$model" "$room" --arc 90 -o "$temporary/none"
 reports "--orbit"
 run 0 render "$model" "$room" --orbit 2 --size 40x20 --path-lens view --save-cameras usda --aov rgba -o "$temporary/lens"
 check no_json_unasked test ! -e "$temporary/lens/cameras.json"
+reports "cameras in usda have no lens distortion; that of 2 camera(s) is omitted"
 
 # frame_rates
 run 0 render "$model" "$room" --orbit 2 --size 32x20 --aov rgba --deep --fps 23.976 --save-cameras usda -o "$temporary/rate"

@@ -85,6 +85,7 @@ check the_page_is_small test "$(($(stat -c %s "$temporary/page.html") - $(stat -
 run 1 info "$temporary/page.html"
 reports "is a page that shows a model and cannot be read"
 run 0 view "$out" --export "$temporary/view/page.html"
+reports "cameras in html have no lens distortion; that of 35 camera(s) is omitted"
 check view_prints_the_page grep -qx "$temporary/view/page.html" "$temporary/stdout"
 check a_run_has_its_cameras grep -q '"cameras":\[{"name"' "$temporary/view/page.html"
 run 2 view "$out" --export "$temporary/page.ply"
@@ -205,9 +206,9 @@ run 2 convert "$ply" "$temporary/a.obj"
 reports "the name requests no known format"
 run 2 convert "$ply" "$temporary/a.ply" --spz-version 4
 reports "--spz-version has no effect unless OUT is an .spz file"
-run 2 convert "$ply" "$temporary/a.ply" --ksplat-level 2
 run 2 convert "$ply" "$temporary/a.ply" --input-spz-axes rdf
 reports "--input-spz-axes has no effect unless IN is an .spz file"
+run 2 convert "$ply" "$temporary/a.ply" --ksplat-level 2
 run 2 convert "$ply" "$temporary/a.ply" --lod-levels 2
 run 2 convert "$ply" "$temporary/a.ply" --sh-palette 5
 run 2 convert "$ply" "$temporary/a.ply" "$room"

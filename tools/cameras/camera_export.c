@@ -144,6 +144,26 @@ static bool write_with(const char *path, const camera_list *list, double fps,
     return done;
 }
 
+static bool is_distorted(const sgs_camera *camera)
+{
+    return camera->model != SGS_CAMERA_PINHOLE && camera->model != SGS_CAMERA_SIMPLE_PINHOLE;
+}
+
+void cameras_warn_distorted(const char *format, size_t count)
+{
+    if (count)
+        print_warning("cameras in %s have no lens distortion; that of %zu camera(s) is omitted",
+                      format, count);
+}
+
+static void warn_distorted(const char *format, const camera_list *list)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < list->count; ++i)
+        count += is_distorted(&list->cameras[i].camera);
+    cameras_warn_distorted(format, count);
+}
+
 static bool are_perspective(const char *folder, const camera_list *list)
 {
     for (size_t i = 0; i < list->count; ++i)
@@ -166,10 +186,12 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
     for (unsigned format = CAMERAS_JSON; format <= CAMERAS_USDA && done; format <<= 1) {
         if (!(formats & format))
             continue;
-        char *path = format_text("%s/cameras.%s", folder,
-                                 format == CAMERAS_JSON   ? "json"
-                                 : format == CAMERAS_CHAN ? "chan"
-                                                          : "usda");
+        const char *name = format == CAMERAS_JSON   ? "json"
+                           : format == CAMERAS_CHAN ? "chan"
+                                                    : "usda";
+        char *path = format_text("%s/cameras.%s", folder, name);
+        if (format != CAMERAS_JSON)
+            warn_distorted(name, list);
         done = format == CAMERAS_JSON
                    ? write_cameras_json(path, list)
                    : write_with(path, list, fps, format == CAMERAS_CHAN ? write_chan : write_usda);
@@ -187,5 +209,5 @@ bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose
     sgs_camera_intrinsics(camera, &out->fx, &out->fy, &out->cx, &out->cy);
     memcpy(out->rotation, pose->rotation, sizeof out->rotation);
     memcpy(out->translation, pose->translation, sizeof out->translation);
-    return camera->model != SGS_CAMERA_PINHOLE && camera->model != SGS_CAMERA_SIMPLE_PINHOLE;
+    return is_distorted(camera);
 }

@@ -3,7 +3,7 @@
 #pragma once
 
 // Cameras as files for other programs: cameras.json (3DGS), .chan (Nuke, Blender, Houdini) and
-// OpenUSD text (.usda). These formats cannot store lens distortion.
+// OpenUSD text (.usda). The last two cannot store lens distortion.
 
 #include "cameras/camera_file.h"
 #include "sparegs/model_file.h"
@@ -12,10 +12,12 @@ enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
 
 // Writes FOLDER/cameras.json, .chan, .usda for the bits of `formats`. Frames and ids are positions
 // in the list; fps, frames per second (> 0), is that of .usda. False after printing the error, also
-// for cameras that are not perspective where .chan or .usda is wanted.
+// for cameras that are not perspective where .chan or .usda is wanted. Warns about distortion.
 bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps);
 
 // The pinhole part of a camera, for files of models. name is borrowed. Returns true if the camera
 // has lens distortion, which is omitted.
 bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose *pose,
                       sgs_model_camera *out);
+// Warns that a file of this format omits the distortion of `count` cameras; not for 0.
+void cameras_warn_distorted(const char *format, size_t count);

@@ -514,9 +514,7 @@ static sgs_model_camera *make_cameras(const convert_plan *plan, const sgs_scene 
         distorted += camera_for_model(view->name, &view->camera, &view->pose, &cameras[v]);
         transform_camera(plan, &cameras[v]);
     }
-    if (distorted)
-        print_warning("cameras in %s have no lens distortion; that of %zu camera(s) is omitted",
-                      sgs_model_format_name(plan->format), distorted);
+    cameras_warn_distorted(sgs_model_format_name(plan->format), distorted);
     return cameras;
 }
 

@@ -75,9 +75,11 @@ static int export_page(const char *path, const view_source *source)
     sgs_model_camera *cameras = calloc(views->count + 1, sizeof *cameras);
     if (!cameras)
         return fail_run("no memory for %zu cameras", views->count);
+    size_t distorted = 0;
     for (size_t k = 0; k < views->count; ++k)
-        camera_for_model(views->cameras[k].name, &views->cameras[k].camera, &views->cameras[k].pose,
-                         &cameras[k]);
+        distorted += camera_for_model(views->cameras[k].name, &views->cameras[k].camera,
+                                      &views->cameras[k].pose, &cameras[k]);
+    cameras_warn_distorted("html", distorted);
     sgs_model_write_options options = model_write_options(&source->drawing);
     options.cameras = cameras;
     options.camera_count = views->count;

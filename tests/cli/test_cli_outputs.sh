@@ -241,10 +241,12 @@ json "$temporary/stdout" '.cameras | length == 1 and .[0].model == "OPENCV" and 
 # similar_cameras_are_grouped: one camera per image, each with another focal length
 mkdir -p "$temporary/alike/sparse/0"
 mkdir "$temporary/alike/images"
-for i in $(seq 5); do
+for i in 1 2 3 4 5; do
+    name=$i.jpg
+    if [ $i = 5 ]; then name=$'5\xe9.jpg'; fi # not UTF-8
     echo "$i SIMPLE_PINHOLE 480 270 $((399 + i)) 240 135" >&3
-    printf '%s 1 0 0 0 0 0 %s %s %s.jpg\n\n' "$i" "$i" "$i" "$i" >&4
-    cp "$room/images/0009.jpg" "$temporary/alike/images/$i.jpg"
+    printf '%s 1 0 0 0 0 0 %s %s %s\n\n' "$i" "$i" "$i" "$name" >&4
+    cp "$room/images/0009.jpg" "$temporary/alike/images/$name"
 done 3>"$temporary/alike/sparse/0/cameras.txt" 4>"$temporary/alike/sparse/0/images.txt"
 run 0 info "$temporary/alike"
 check one_group test "$(grep -c 'model: SIMPLE_PINHOLE' "$temporary/stdout")" = 1
@@ -253,6 +255,18 @@ prints "params_minimum: 400 240 135"
 prints "params_maximum: 404 240 135"
 run 0 info "$temporary/alike" --json
 json "$temporary/stdout" '.cameras | length == 5'
+# names_that_are_not_utf_8_are_null
+run 0 eval "$model/point_cloud/iteration_40/point_cloud.ply" "$temporary/alike" --downscale 16 --json
+json "$temporary/stdout" '[.images[].name] == ["1.jpg", "2.jpg", "3.jpg", "4.jpg", null] and (.images | all(has("name")))'
+odd=$temporary/$'odd\xe9.ply'
+run 0 convert "$model" "$odd" --json
+json "$temporary/stdout" 'has("file") and .file == null'
+run 0 info "$odd" --json
+json "$temporary/stdout" 'has("file") and .file == null'
+run 0 compress "$odd" -o "$odd.pack" --method fcgs-like --json
+json "$temporary/stdout" 'has("file") and .file == null'
+run 0 decompress "$odd.pack" -o "$odd" --json
+json "$temporary/stdout" 'has("file") and .file == null'
 cp -r "$room" "$temporary/pointless"
 rm -f "$temporary/pointless"/sparse/0/points3D.*
 run 0 info "$temporary/pointless" --json

@@ -185,8 +185,7 @@ void report_file(const char *path)
         puts(path);
         return;
     }
-    json_t *name = json_string(path); // NULL if the path is not valid UTF-8
-    json_array_append_new(json_object_get(reported, "files"), name ? name : json_null());
+    json_array_append_new(json_object_get(reported, "files"), json_text(path));
 }
 
 void reported_files_begin(void)
@@ -256,8 +255,13 @@ void json_set_path(json_t *object, const char *name, const char *format, ...)
     va_start(args, format);
     vsnprintf(path, sizeof path, format, args);
     va_end(args);
-    json_t *text = json_string(path);
-    json_object_set_new(object, name, text ? text : json_null());
+    json_object_set_new(object, name, json_text(path));
+}
+
+json_t *json_text(const char *text)
+{
+    json_t *value = json_string(text);
+    return value ? value : json_null();
 }
 
 json_t *json_number(double value)

@@ -56,6 +56,8 @@ void stdout_set_complete(const char *what);
 // Sets a member to a path, as printf; null if that is not UTF-8.
 void json_set_path(json_t *object, const char *name, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
+// A text, such as a path or the name of an image; null if it is NULL or not UTF-8.
+json_t *json_text(const char *text);
 // A number with up to 9 digits, or null for infinity and NaN.
 json_t *json_number(double value);
 

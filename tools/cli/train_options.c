@@ -328,7 +328,7 @@ static void set_word(json_t *object, const char *key, const char *words, int ind
 
 static void set_text(json_t *object, const char *key, const char *text)
 {
-    json_object_set_new(object, key, text ? json_string(text) : json_null());
+    json_object_set_new(object, key, json_text(text));
 }
 
 static void set_integer(json_t *object, const char *key, uint64_t value)
@@ -390,7 +390,7 @@ static json_t *value_json(const sgs_train_option *row, const train_values *value
         sgs_train_option_text(row, options, text, sizeof text);
         return json_string(text);
     case SGS_OPTION_MODEL:
-        return values->init ? json_string(values->init) : json_null();
+        return json_text(values->init);
     }
     return json_null();
 }

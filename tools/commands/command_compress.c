@@ -290,7 +290,7 @@ static int compress_model(const sgs_gaussians *model, const sgs_compress_options
     const double seconds = clock_seconds() - start;
     if (json) {
         json_t *root = info_json(&info, seconds);
-        json_object_set_new(root, "file", json_string(values->output));
+        json_object_set_new(root, "file", json_text(values->output));
         return print_json(root) ? EXIT_DONE : EXIT_FAILED;
     }
     printf("%s: %s, %zu of %zu primitives, %zu bytes, %.2f bytes per primitive of MODEL, %.1f s\n",

@@ -574,7 +574,7 @@ static bool report(const char *path, size_t input, const sgs_model_written *writ
     json_object_set_new(root, "order", json_string(orders[written->order]));
     json_object_set_new(root, "input_format", json_string(sgs_model_format_name(info->format)));
     json_object_set_new(root, "antialiased", json_boolean(antialiased));
-    json_object_set_new(root, "file", json_string(path));
+    json_object_set_new(root, "file", json_text(path));
     return print_json(root);
 }
 

@@ -68,7 +68,7 @@ static int decompress_file(const char *path, const char *output, bool json)
         return EXIT_DONE;
     }
     json_t *root = json_result_new();
-    json_object_set_new(root, "file", json_string(output));
+    json_object_set_new(root, "file", json_text(output));
     json_object_set_new(root, "method", json_string(sgs_compress_method_name(info.method)));
     json_object_set_new(root, "input", json_integer((json_int_t)info.input));
     json_object_set_new(root, "gaussians", json_integer((json_int_t)info.gaussians));

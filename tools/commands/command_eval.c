@@ -119,7 +119,7 @@ static void add_row(const evaluator *evaluation, const sgs_view *view, const vie
     split_score_add(sum, view, score);
     if (list) {
         json_t *entry = json_object();
-        json_object_set_new(entry, "name", json_string(view->name));
+        json_object_set_new(entry, "name", json_text(view->name));
         view_score_add_json(entry, score);
         json_object_set_new(entry, "identical", json_boolean(isinf(score->psnr)));
         json_array_append_new(list, entry);

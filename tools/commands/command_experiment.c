@@ -489,8 +489,7 @@ static bool print_runs(const experiment_plan *plan, bool json)
     json_t *root = json_object(), *runs = json_array();
     for (size_t i = 0; i < plan->count; ++i) {
         const char *folder = plan->runs[i].folder;
-        json_t *name = json_string(folder);
-        json_array_append_new(runs, name ? name : json_null());
+        json_array_append_new(runs, json_text(folder));
         if (!json)
             printf("%s\n", folder);
     }

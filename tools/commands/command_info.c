@@ -123,7 +123,7 @@ static bool describe_model(const char *path, json_t *root)
     if (!done)
         fail_library();
     json_object_set_new(root, "type", json_string("model"));
-    json_object_set_new(root, "file", json_string(located.ply_path));
+    json_object_set_new(root, "file", json_string_nocheck(located.ply_path));
     if (done) {
         json_object_set_new(root, "format", json_string(sgs_model_format_name(info.format)));
         if (info.version)
@@ -199,7 +199,7 @@ static bool describe_scene(const char *path, const scene_values *data, json_t *r
     const size_t test = scene_split_count(scene, SGS_SPLIT_TEST);
     json_object_set_new(root, "type", json_string("scene"));
     json_object_set_new(root, "format", json_string(formats[scene->format]));
-    json_object_set_new(root, "file", json_string(scene->model_path));
+    json_object_set_new(root, "file", json_string_nocheck(scene->model_path));
     json_object_set_new(root, "views", json_integer((json_int_t)scene->view_count));
     json_object_set_new(root, "training_views",
                         json_integer((json_int_t)(scene->view_count - test)));
@@ -351,8 +351,11 @@ int command_info(int argc, char **argv)
         return EXIT_FAILED;
     }
     warnings_into(root);
-    if (call.common.json)
+    if (call.common.json) {
+        const char *file = json_string_value(json_object_get(root, "file"));
+        json_object_set_new(root, "file", json_text(file)); // as text the path is printed as it is
         return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+    }
     if (json_object_get(root, "cameras"))
         json_object_set_new(root, "cameras", group_cameras(json_object_get(root, "cameras")));
     print_members(root, 0);

@@ -409,8 +409,7 @@ static bool write_model(const pruning *p, int k, const char *path, const sgs_gau
         return true;
     }
     json_t *entry = json_object();
-    json_t *name = json_string(path); // NULL if the path is not valid UTF-8
-    json_object_set_new(entry, "file", name ? name : json_null());
+    json_object_set_new(entry, "file", json_text(path));
     json_object_set_new(entry, "ratio", json_number(p->ratios.values[k]));
     json_object_set_new(entry, "gaussians", json_integer((json_int_t)pruned->count));
     json_object_set_new(entry, "bytes", json_integer((json_int_t)info.bytes));

@@ -410,7 +410,7 @@ static int report(reconstruction *run, bool json)
         return EXIT_DONE;
     }
     json_t *root = json_object();
-    json_object_set_new(root, "scene", json_string(run->values->output));
+    json_object_set_new(root, "scene", json_text(run->values->output));
     json_object_set_new(root, "photographs", json_integer((json_int_t)run->count));
     json_object_set_new(root, "registered", json_integer((json_int_t)registered));
     json_object_set_new(root, "models", json_integer(models));

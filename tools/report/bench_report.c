@@ -311,8 +311,7 @@ static json_t *result_json(const bench_result *r)
 {
     const sgs_bench_counts *c = &r->counts;
     json_t *object = json_object();
-    json_t *name = json_string(r->name); // NULL if the path is not valid UTF-8
-    json_object_set_new(object, "name", name ? name : json_null());
+    json_object_set_new(object, "name", json_text(r->name));
     json_object_set_new(object, "isa", json_string(sgs_isa_name(r->isa)));
     json_object_set_new(object, "threads", json_integer(r->threads));
     json_object_set_new(object, "primitives", json_integer((json_int_t)c->primitives));

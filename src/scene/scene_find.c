@@ -238,7 +238,10 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
     else if (sgsi_is_file(path))
         status = find_in_file(path, files);
     else
-        status = sgsi_fail(SGS_STATUS_IO, "%s: no such folder", path);
+        status = sgsi_fail(SGS_STATUS_IO,
+                           "%s: no such folder; specify a data set of COLMAP or with a "
+                           "transforms.json",
+                           path);
     if (!status && !files->colmap) {
         files->mask_root = sgsi_strdup(files->image_folder);
         status = files->mask_root ? SGS_STATUS_OK : no_memory(path);

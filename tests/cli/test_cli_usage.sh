@@ -147,6 +147,7 @@ run 1 render "$temporary/nowhere.ply" "$room" -o "$temporary/out"
 one_line
 run 1 info "$temporary/nowhere"
 one_line
+reports "nowhere: no such file or folder; specify a model file, a run folder or a data set"
 run 1 info "$temporary/empty"
 one_line
 

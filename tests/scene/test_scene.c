@@ -105,7 +105,9 @@ static void missing_scenes_are_reported_with_a_hint(void **state)
 {
     (void)state;
     temp_folder folder = temp_folder_make();
-    assert_refused("/nowhere/at/all", NULL, SGS_STATUS_IO, "/nowhere/at/all: no such folder");
+    assert_refused("/nowhere/at/all", NULL, SGS_STATUS_IO,
+                   "/nowhere/at/all: no such folder; specify a data set of COLMAP or with a "
+                   "transforms.json");
     assert_refused("", NULL, SGS_STATUS_INVALID_ARGUMENT, "scene path is missing");
     assert_refused(folder.path, NULL, SGS_STATUS_IO, "no scene found: neither a COLMAP model");
     tree_put_text(&folder, "photo.jpg", "");

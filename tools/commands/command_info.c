@@ -339,6 +339,10 @@ int command_info(int argc, char **argv)
     if (status >= 0)
         return status;
     const char *path = call.line.operands[0];
+    if (!file_exists(path))
+        return fail_run("%s: no such file or folder; specify a model file, a run folder or a data "
+                        "set",
+                        path);
     if (model_is(path))
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "on a model");
     warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white",

@@ -10,6 +10,7 @@ source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
 
 run 0 help --json
 cp "$temporary/stdout" "$temporary/tables.json"
+json "$temporary/tables.json" '[.commands[].options[].kind] | all(type == "string")'
 
 # One line per case: command, option, index of the condition that is not met (-1: all are met), arguments.
 jq -r '

@@ -32,6 +32,7 @@ refused 'post: prune: ratio: the list is empty' '[{"prune": {"method": "refine",
 refused 'post: prune: output: is set by the experiment' '[{"prune": {"method": "refine", "output": "x"}}]'
 refused 'post: prune: finetune: out of range' '[{"prune": {"method": "refine", "finetune": -1}}]'
 refused 'post: prune: fisher_downscale: has no effect with this method' '[{"prune": {"method": "refine", "fisher_downscale": 2}}]'
+refused 'post: prune: images: expected a number or a string' '[{"prune": {"method": "refine", "images": true}}]'
 refused 'post: prune: weights: rap requires the file of its authors' '[{"prune": {"method": "rap"}}]'
 refused 'post: prune: variants: unknown variant' '[{"prune": {"method": "refine"}, "variants": ["onn"]}]'
 refused 'post: prune: varaints: unknown key' '[{"prune": {"method": "refine"}, "varaints": ["on"]}]'

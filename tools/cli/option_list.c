@@ -4,10 +4,11 @@
 #include "cli/option_list.h"
 
 static const char *const kinds[] = {
-    [OPTION_FLAG] = "flag",         [OPTION_INTEGER] = "integer", [OPTION_COUNT] = "integer",
-    [OPTION_SIZE] = "integer",      [OPTION_REAL] = "number",     [OPTION_TEXT] = "text",
-    [OPTION_CHOICE] = "choice",     [OPTION_SET] = "set",         [OPTION_INTEGERS] = "integers",
-    [OPTION_DURATION] = "duration", [OPTION_BYTES] = "bytes",     [OPTION_COLOR] = "color"};
+    [OPTION_FLAG] = "flag",         [OPTION_INTEGER] = "integer",   [OPTION_COUNT] = "integer",
+    [OPTION_SIZE] = "integer",      [OPTION_REAL] = "number",       [OPTION_TEXT] = "text",
+    [OPTION_FOLDER] = "text",       [OPTION_CHOICE] = "choice",     [OPTION_SET] = "set",
+    [OPTION_INTEGERS] = "integers", [OPTION_DURATION] = "duration", [OPTION_BYTES] = "bytes",
+    [OPTION_COLOR] = "color"};
 
 static void set_text(json_t *object, const char *name, const char *text)
 {

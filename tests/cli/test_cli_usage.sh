@@ -8,7 +8,10 @@ set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
 # help_lists_what_exists
+run 0 help help
+cp "$temporary/stdout" "$temporary/help"
 run 0 help
+check help_of_help_is_the_help cmp "$temporary/stdout" "$temporary/help"
 for command in train eval render info reconstruct; do prints "  $command"; done
 for command in train eval render info reconstruct; do
     run 0 help "$command"
@@ -16,6 +19,10 @@ for command in train eval render info reconstruct; do
     prints "--threads N"
     cp "$temporary/stdout" "$temporary/help"
     run 0 "$command" --help
+    if [ $command = render ]; then
+        check texts_have_units bash -c "tr -s ' \n' ' ' <'$temporary/help' | grep -qF \"one [pixels; default: the view's]\""
+        check sizes_have_units bash -c "tr -s ' \n' ' ' <'$temporary/help' | grep -qF '[bytes, KiB, MiB, GiB; default: 4GiB'"
+    fi
     check help_is_the_same_both_ways cmp "$temporary/stdout" "$temporary/help"
     check help_fits_100_columns awk 'length > 100 { print; bad = 1 } END { exit bad }' "$temporary/stdout"
 done

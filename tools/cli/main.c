@@ -98,6 +98,10 @@ static int fail_command(const char *name)
 
 static int print_help_of(const char *name)
 {
+    if (!strcmp(name, "help")) {
+        print_commands(stdout);
+        return EXIT_DONE;
+    }
     const command *found = find_command(name);
     if (!found)
         return fail_command(name);

@@ -417,11 +417,12 @@ static void print_option(const option *row)
     const bool ranged = row->kind == OPTION_INTEGER || row->kind == OPTION_COUNT ||
                         row->kind == OPTION_SIZE || row->kind == OPTION_REAL ||
                         row->kind == OPTION_INTEGERS;
+    // The range ends with the unit; other values have the unit alone.
+    const char *values = ranged ? range_text(row, range) : row->unit ? row->unit : "";
     const int length = snprintf(right, sizeof right, "%s", row->help);
-    if (ranged || value)
-        snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]",
-                 ranged ? range_text(row, range) : "", ranged && value ? "; " : "",
-                 value ? "default: " : "", value ? value : "");
+    if (*values || value)
+        snprintf(right + length, sizeof right - (size_t)length, " [%s%s%s%s]", values,
+                 *values && value ? "; " : "", value ? "default: " : "", value ? value : "");
     int column = print_left(left);
     if (column + 2 > HELP_INDENT) {
         putchar('\n');

@@ -52,7 +52,8 @@ SGS_API bool sgs_model_format_marks_colors(sgs_model_format format);
 
 typedef enum sgs_spz_axes {
     SGS_SPZ_AXES_RUB, // x right, y up, z back: the SPZ specification
-    SGS_SPZ_AXES_RDF  // the axes of the PLY, as some exporters write them
+    SGS_SPZ_AXES_RDF, // the axes of the PLY, as some exporters write them
+    SGS_SPZ_AXES_LUF  // x left, y up, z front: those of glTF
 } sgs_spz_axes;
 
 typedef struct sgs_model_read_options {

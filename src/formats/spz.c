@@ -52,6 +52,16 @@ enum {
 };
 
 static const uint32_t AXES_RECORD = 0xADBE0003;
+
+// By sgs_spz_axes.
+static const struct {
+    sgsi_axes axes;
+    uint32_t record;
+} axes_table[] = {[SGS_SPZ_AXES_RUB] = {SGSI_AXES_RUB, AXES_RUB},
+                  [SGS_SPZ_AXES_RDF] = {SGSI_AXES_PLY, AXES_RDF},
+                  [SGS_SPZ_AXES_LUF] = {SGSI_AXES_LUF, AXES_LUF}};
+enum { AXES_COUNT = sizeof axes_table / sizeof *axes_table };
+
 static const double SQRT_HALF = 0.70710678118654752;
 
 // deflate expands at most 1032 times; a header more for empty streams.
@@ -65,7 +75,7 @@ typedef struct spz_file {
     uint32_t version, count;
     int sh_degree, sh_stored; // degree 4 is stored but not kept
     int fractional_bits, flags;
-    sgsi_axes axes;
+    sgs_spz_axes axes;
     const uint8_t *streams[STREAM_COUNT];
     uint8_t *owned[STREAM_COUNT]; // decompressed
     uint8_t *bytes;               // the file
@@ -136,16 +146,17 @@ static sgs_status read_records(spz_file *file, const uint8_t *at, size_t left)
                              file->path, type, size, left - 8);
         if (type == AXES_RECORD && size >= 4) {
             const uint32_t axes = sgsi_load_u32(at + 8);
-            if (axes && axes != AXES_RUB && axes != AXES_RDF && axes != AXES_LUF)
+            size_t known = 0;
+            while (known < AXES_COUNT && axes_table[known].record != axes)
+                ++known;
+            if (axes && known == AXES_COUNT)
                 return sgsi_fail(
                     SGS_STATUS_UNSUPPORTED,
                     "%s: coordinate system %u is not supported; supported are RUB (4), "
                     "RDF (6) and LUF (7)",
                     file->path, axes);
             if (axes)
-                file->axes = axes == AXES_RUB   ? SGSI_AXES_RUB
-                             : axes == AXES_RDF ? SGSI_AXES_PLY
-                                                : SGSI_AXES_LUF;
+                file->axes = (sgs_spz_axes)known;
         }
         at += 8 + size;
         left -= 8 + (size_t)size;
@@ -283,7 +294,7 @@ static void decode_row(const spz_file *file, size_t i, float params[SGS_PARAM_CO
                  kept = 3 * (size_t)sgsi_rest_coefficients(file->sh_degree);
     for (size_t k = 0; k < kept; ++k)
         params[SGS_PARAM_SH_REST + k] = (float)(file->streams[5][stored * i + k] - 128) / 128.0f;
-    sgsi_change_axes(file->axes, params);
+    sgsi_change_axes(axes_table[file->axes].axes, params);
 }
 
 sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options,
@@ -291,8 +302,10 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
 {
     size_t size;
     sgsi_rows rows = {0};
-    spz_file file = {.path = path,
-                     .axes = options->spz_axes == SGS_SPZ_AXES_RDF ? SGSI_AXES_PLY : SGSI_AXES_RUB};
+    spz_file file = {.path = path, .axes = options->spz_axes};
+    if ((unsigned)file.axes >= AXES_COUNT)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: spz_axes %d is unknown", path,
+                         (int)file.axes);
     sgs_status status = sgsi_file_read(path, 0, &file.bytes, &size);
     if (status)
         return status;
@@ -317,7 +330,7 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
         return status;
     info->version = (int)file.version;
     info->antialiased = file.flags & FLAG_ANTIALIASED;
-    info->axes = file.axes == SGSI_AXES_PLY ? SGS_SPZ_AXES_RDF : SGS_SPZ_AXES_RUB;
+    info->axes = file.axes;
     info->dropped = rows.dropped;
     return sgsi_rows_end(&rows, model);
 }
@@ -418,11 +431,11 @@ static void put_header(uint8_t *at, const spz_file *file)
     at[15] = 0;
 }
 
-static void put_axes_record(uint8_t *at)
+static void put_axes_record(uint8_t *at, sgs_spz_axes axes)
 {
     sgsi_store_u32(at, AXES_RECORD);
     sgsi_store_u32(at + 4, 4);
-    sgsi_store_u32(at + 8, AXES_RDF);
+    sgsi_store_u32(at + 8, axes_table[axes].record);
 }
 
 // Header, table and frames of version 4.
@@ -451,7 +464,7 @@ static sgs_status write_version_4(const char *path, const spz_file *file,
         bytes[15] = (uint8_t)count;
         sgsi_store_u32(bytes + 16, (uint32_t)table);
         if (file->flags & FLAG_EXTENSIONS)
-            put_axes_record(bytes + HEADER_4_BYTES);
+            put_axes_record(bytes + HEADER_4_BYTES, file->axes);
         size_t at = table + 16 * count;
         for (size_t k = 0; k < count; ++k) {
             sgsi_store_u64(bytes + table + 16 * k, packing.out_size[k]);
@@ -491,15 +504,19 @@ static sgs_status write_gzip(const char *path, const uint8_t *bytes, size_t size
 sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written)
 {
-    const bool raw = options->spz_axes == SGS_SPZ_AXES_RDF;
+    const bool named = options->spz_axes != SGS_SPZ_AXES_RUB;
     spz_file file = {.path = path,
+                     .axes = options->spz_axes,
                      .version = (uint32_t)options->spz_version,
                      .count = (uint32_t)model->count,
                      .sh_degree = model->sh_degree,
                      .sh_stored = model->sh_degree,
                      .fractional_bits = choose_fractional_bits(model),
                      .flags = (options->antialiased ? FLAG_ANTIALIASED : 0) |
-                              (raw ? FLAG_EXTENSIONS : 0)};
+                              (named ? FLAG_EXTENSIONS : 0)};
+    if ((unsigned)file.axes >= AXES_COUNT)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: spz_axes %d is unknown", path,
+                         (int)file.axes);
     if (!model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an SPZ file cannot be empty", path);
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;
@@ -515,7 +532,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
     }
     for (size_t i = 0; i < model->count; ++i) {
         sgsi_splat splat = sgsi_splat_get(model, i);
-        sgsi_splat_change_axes(raw ? SGSI_AXES_PLY : SGSI_AXES_RUB, &splat);
+        sgsi_splat_change_axes(axes_table[file.axes].axes, &splat);
         encode_row(&file, &splat, i, streams);
     }
     sgs_status status;
@@ -523,9 +540,9 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
         status = write_version_4(path, &file, streams, &written->bytes);
     } else {
         put_header(bytes, &file);
-        if (raw)
-            put_axes_record(at);
-        status = write_gzip(path, bytes, total - (raw ? 0 : AXES_RECORD_BYTES), file.count,
+        if (named)
+            put_axes_record(at, file.axes);
+        status = write_gzip(path, bytes, total - (named ? 0 : AXES_RECORD_BYTES), file.count,
                             &written->bytes);
     }
     sgsi_free(bytes);

@@ -135,7 +135,7 @@ static void spz_rounds_to_half_a_quantum(void **state)
                          0.5 / (255 * 0.15) + ROUNDING,
                          8.0 / 128 + ROUNDING};
     for (int version = 3; version <= 4; ++version)
-        for (int axes = 0; axes < 2; ++axes)
+        for (int axes = SGS_SPZ_AXES_RUB; axes <= SGS_SPZ_AXES_LUF; ++axes)
             for (int degree = 0; degree <= 3; ++degree) {
                 sgs_gaussians *model = model_random(COUNT, degree);
                 sgs_model_write_options options = sgs_model_write_options_default();

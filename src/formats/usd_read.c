@@ -45,8 +45,10 @@ typedef struct usd_reader {
     const char *at, *end; // of the text, which ends with NUL
     int line, depth;      // depth of braces
     int prim_depth;       // depth inside of the splats, 0 before
+    int above;            // after the splats: number of prims around them that are still open
     bool finished;        // after the splats
-    bool transformed[MOST_DEPTH + 1];
+    bool transformed[MOST_DEPTH + 1]; // by depth: the open prims
+    bool moved;                       // the splats or a prim above them have a transform
     bool z_up;
     bool colors_only; // skips the arrays, without warnings
     sgs_model_colors colors;
@@ -229,15 +231,13 @@ static sgs_status close_brace(usd_reader *reader)
     if (!reader->depth)
         return fail_line(reader, "'}' without '{'");
     if (reader->depth == reader->prim_depth) {
-        for (int k = 1; k <= reader->depth; ++k)
-            if (reader->transformed[k])
-                return sgsi_fail(
-                    SGS_STATUS_UNSUPPORTED,
-                    "%s: the splats or a prim above them have a transform; export them "
-                    "without",
-                    reader->path);
+        reader->moved = reader->transformed[reader->depth];
         reader->prim_depth = 0;
         reader->finished = true;
+        reader->above = reader->depth - 1;
+    } else if (reader->depth == reader->above) {
+        reader->moved |= reader->transformed[reader->depth];
+        --reader->above;
     }
     --reader->depth;
     return SGS_STATUS_OK;
@@ -275,6 +275,12 @@ static sgs_status read_layer(usd_reader *reader)
     }
     if (!status && reader->depth)
         return fail_line(reader, "the file ends inside a prim");
+    // A prim may declare its transform after its children.
+    if (!status && reader->moved)
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: the splats or a prim above them have a transform; export them without",
+            reader->path);
     return status;
 }
 

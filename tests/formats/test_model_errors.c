@@ -473,6 +473,9 @@ static void usda_is_checked(void **state)
          "have a transform"},
         {"uniform token sortingModeHint",
          "double xformOp:rotateX = 90\nuniform token sortingModeHint", U, "have a transform"},
+        {"uniform token sortingModeHint", // after the splats, in the prim around them
+         "}\ndouble xformOp:rotateX = 90\ndef Scope \"S\" {\nuniform token sortingModeHint", U,
+         "have a transform"},
         {"uniform token sortingModeHint", "}}}}\nuniform token sortingModeHint", F,
          "'}' without '{'"},
         {"uniform token sortingModeHint", "{\nuniform token sortingModeHint", F,

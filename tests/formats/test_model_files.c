@@ -231,7 +231,9 @@ static void usda_is_read(void **state)
         "  half[] opacitiesh = [0.5]\n  point3h[] positionsh = [(8, 8, 8), (7, 7, 7)]\n"
         "  uniform int radiance:sphericalHarmonicsDegree = 0\n"
         "  float3[] radiance:sphericalHarmonicsCoefficients = [(0.1, 0.2, 3e-1)] (\n"
-        "    elementSize = 1\n  )\n  def Mesh \"M\" { point3f[] positions = [(5, 5, 5)] }\n}\n}\n";
+        "    elementSize = 1\n  )\n  def Mesh \"M\" { point3f[] positions = [(5, 5, 5)] }\n}\n"
+        "def Camera \"D\" { double xformOp:rotateX = 90\n}\n}\n"
+        "def Camera \"E\" { double xformOp:rotateX = 90\n}\n";
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model;
     file_put(temp_path(&folder, "a.usda"), text, strlen(text));

@@ -254,7 +254,7 @@ typedef struct bucket_list {
     size_t count, full;
 } bucket_list;
 
-// Cell of each row as a key. Cells beyond 2^20 per axis share the outermost one; their positions
+// Cell of each row as a key. Cells beyond 2^21 per axis share the outermost one; their positions
 // would be clamped, so such models are refused before.
 static sgs_status make_buckets(const sgs_gaussians *model, bucket_list *list)
 {

@@ -40,7 +40,7 @@ typedef struct sog_writer {
     sgsi_progress *progress;
 } sog_writer;
 
-// Entries for a model of this size: up to 64 k, about one per 16 primitives for small ones.
+// Entries for a model of this size: the largest power of two up to the count, from 1 k to 64 k.
 static size_t default_palette(size_t count)
 {
     size_t size = 1024;

@@ -162,6 +162,14 @@ static bool removes_up_to_threshold(sgs_prune_method method)
     return method == SGS_PRUNE_LIGHTGAUSSIAN || method == SGS_PRUNE_PUP;
 }
 
+// RAP's released code keeps int(count keep). Its argument is the decimal fraction 1 - ratio, whose
+// double the difference of doubles misses by an ulp: 1 - 0.9 is less than 0.1.
+static size_t kept_by_rap(size_t count, double ratio)
+{
+    const double keep = nearbyint((1 - ratio) * 1e15) / 1e15;
+    return (size_t)((double)count * keep);
+}
+
 sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_t count,
                             double ratio, bool *keep, size_t *kept)
 {
@@ -180,7 +188,8 @@ sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_
     }
     if (!status && count && ratio > 0) {
         qsort(order, count, sizeof *order, by_score_then_row);
-        size_t removed = (size_t)((double)count * ratio);
+        size_t removed = method == SGS_PRUNE_RAP ? count - kept_by_rap(count, ratio)
+                                                 : (size_t)((double)count * ratio);
         if (removes_up_to_threshold(method)) {
             const double threshold = order[(size_t)(ratio * (double)(count - 1))].score;
             for (removed = 0; removed < count && order[removed].score <= threshold;)

@@ -236,6 +236,15 @@ static void the_share_is_removed_by_the_rule_of_the_method(void **state)
     assert_int_equal(sgs_prune_select(SGS_PRUNE_REFINE, scores, 10, 0.3, keep, &kept), 0);
     assert_int_equal(kept, 7);
     assert_true(!keep[1] && !keep[3] && !keep[5] && keep[8] && keep[6]);
+    // REFINE rounds the number of removed primitives down, RAP that of kept ones.
+    assert_int_equal(sgs_prune_select(SGS_PRUNE_REFINE, scores, 10, 0.55, keep, &kept), 0);
+    assert_int_equal(kept, 5);
+    assert_int_equal(sgs_prune_select(SGS_PRUNE_RAP, scores, 10, 0.55, keep, &kept), 0);
+    assert_int_equal(kept, 4);
+    assert_int_equal(sgs_prune_select(SGS_PRUNE_RAP, scores, 10, 0.9, keep, &kept), 0);
+    assert_int_equal(kept, 1);
+    assert_int_equal(sgs_prune_select(SGS_PRUNE_RAP, scores, 10, 0.3, keep, &kept), 0);
+    assert_int_equal(kept, 7);
     assert_int_equal(sgs_prune_select(SGS_PRUNE_REFINE, scores, 10, 0, keep, &kept), 0);
     assert_int_equal(kept, 10);
     assert_int_equal(sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, scores, 10, 0, keep, &kept), 0);

@@ -420,15 +420,6 @@ static sgs_status encode(sgsi_compress_job *job)
 
 // ---- Decoding ----
 
-// Every third bit from `shift` on.
-static uint32_t gather_bits(uint64_t code, int shift)
-{
-    uint32_t value = 0;
-    for (int k = 0; k < POSITION_BITS; ++k)
-        value |= (uint32_t)(code >> (3 * k + shift) & 1) << k;
-    return value;
-}
-
 static void fill_model(const fcgs_header *header, const fcgs_walk *walk, sgs_gaussians *model)
 {
     const double side = (double)(1 << POSITION_BITS);
@@ -436,8 +427,8 @@ static void fill_model(const fcgs_header *header, const fcgs_walk *walk, sgs_gau
         float row[SGS_PARAM_COUNT] = {0};
         for (int k = 0; k < 3; ++k) {
             const double low = (double)header->low[k], span = (double)header->high[k] - low;
-            row[k] =
-                (float)(low + ((double)gather_bits(walk->cells[i], 2 - k) + 0.5) * span / side);
+            row[k] = (float)(low + ((double)sgsi_gather_bits(walk->cells[i] >> (2 - k)) + 0.5) *
+                                       span / side);
         }
         for (int v = 0; v < walk->value_count; ++v)
             row[v + 3] = (float)((double)walk->values[i * (size_t)walk->value_count + (size_t)v] *

@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/morton.h"
 #include "base/threads.h"
 #include "compress/portable_math.h"
 
@@ -159,15 +160,6 @@ static void dequantise_channel(void *context, size_t channel, int thread)
     }
 }
 
-// Every third bit from `shift` on.
-static uint64_t gather_bits(uint64_t code, int shift, int depth)
-{
-    uint64_t value = 0;
-    for (int k = 0; k < depth; ++k)
-        value |= (code >> (3 * k + shift) & 1) << k;
-    return value;
-}
-
 static void reconstruct_rows(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
@@ -180,7 +172,7 @@ static void reconstruct_rows(void *context, size_t begin, size_t end, int thread
         const double *at = meson->channels + i;
         for (int k = 0; k < 3; ++k) {
             const double low = (double)meson->bounds[0][k], high = (double)meson->bounds[1][k];
-            const uint64_t cell = gather_bits(meson->cells[i], 2 - k, meson->depth);
+            const uint64_t cell = sgsi_gather_bits(meson->cells[i] >> (2 - k));
             row[SGS_PARAM_MEAN + k] =
                 (float)(low + ((double)cell + (meson->center ? 0.5 : 0)) * ((high - low) / cells));
             row[SGS_PARAM_SH_DC + k] = (float)at[(size_t)(4 + k) * n];

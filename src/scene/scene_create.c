@@ -12,6 +12,7 @@
 #include "base/core.h"
 #include "base/progress_calls.h"
 #include "base/threads.h"
+#include "formats/model_rows.h"
 #include "image/half.h"
 #include "image/mask.h"
 #include "image/photo.h"
@@ -60,17 +61,6 @@ static const uint8_t *pixel_at(const sgs_view_source *source, int x, int y)
     return (const uint8_t *)source->pixels + y * row + x * step;
 }
 
-// Decodes any binary16: halves of the caller, unlike those of photographs, may be negative,
-// subnormal, infinite or NaN.
-static float half_number(uint16_t half)
-{
-    const int exponent = half >> 10 & 31, mantissa = half & 1023;
-    const float size = exponent == 31 ? (mantissa ? NAN : INFINITY)
-                       : exponent     ? ldexpf((float)(1024 + mantissa), exponent - 25)
-                                      : ldexpf((float)mantissa, -24);
-    return half >> 15 ? -size : size;
-}
-
 // False when a channel is not finite.
 static bool read_pixel(const sgs_view_source *source, int x, int y, float value[4])
 {
@@ -84,7 +74,8 @@ static bool read_pixel(const sgs_view_source *source, int x, int y, float value[
             break;
         case SGS_PIXEL_HALF:
             memcpy(&half, at, sizeof half);
-            value[c] = half_number(half);
+            // Unlike those of photographs, they may be negative, subnormal or not finite.
+            value[c] = sgsi_float16_to(half);
             break;
         default:
             memcpy(&value[c], at, sizeof value[c]);

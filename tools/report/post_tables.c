@@ -16,12 +16,6 @@ enum { BYTES, SECONDS, PSNR, SSIM, PERCEPTUAL, FIGURES };
 enum { MOST_POINTS = 64 };
 static const char *const formats[FIGURES] = {"%.2f", "%.2f", "%.2f", "%.4f", "%.4f"};
 
-static const char *text_of(const json_t *object, const char *member)
-{
-    const char *text = json_string_value(json_object_get(object, member));
-    return text ? text : "";
-}
-
 static double number_of(const json_t *value)
 {
     return json_is_number(value) ? json_number_value(value) : NAN;
@@ -41,7 +35,8 @@ typedef struct figures {
 static bool is_selected(const selection *chosen, const json_t *scene)
 {
     return !chosen->group ||
-           !strcmp(chosen->group, text_of(scene, chosen->is_data_set ? "data_set" : "name"));
+           !strcmp(chosen->group,
+                   json_member_text(scene, chosen->is_data_set ? "data_set" : "name"));
 }
 
 // The result of a step at a point, or NULL.
@@ -51,7 +46,8 @@ static const json_t *result_of(const json_t *run, const char *step, const char *
     const json_t *result;
     json_array_foreach(json_object_get(run, "post"), k, result)
     {
-        if (!strcmp(text_of(result, "step"), step) && !strcmp(text_of(result, "point"), point))
+        if (!strcmp(json_member_text(result, "step"), step) &&
+            !strcmp(json_member_text(result, "point"), point))
             return result;
     }
     return NULL;
@@ -65,11 +61,12 @@ static figures scene_figures(const selection *chosen, const char *scene, const c
     double count = 0;
     for (size_t k = 0; k < json_array_size(chosen->runs); ++k) {
         const json_t *run = json_array_get(chosen->runs, k);
-        const json_t *result = strcmp(text_of(run, "scene"), scene) ||
-                                       strcmp(text_of(run, "pipeline"), chosen->pipeline) ||
-                                       strcmp(text_of(run, "variant"), variant)
-                                   ? NULL
-                                   : result_of(run, chosen->step, point);
+        const json_t *result =
+            strcmp(json_member_text(run, "scene"), scene) ||
+                    strcmp(json_member_text(run, "pipeline"), chosen->pipeline) ||
+                    strcmp(json_member_text(run, "variant"), variant)
+                ? NULL
+                : result_of(run, chosen->step, point);
         const json_t *test = json_object_get(result, "test");
         if (!result)
             continue;
@@ -97,8 +94,8 @@ static void group_figures(const selection *chosen, const char *point, figures *b
         const json_t *scene = json_array_get(scenes, s);
         if (!is_selected(chosen, scene))
             continue;
-        const figures off = scene_figures(chosen, text_of(scene, "name"), "off", point);
-        const figures on = scene_figures(chosen, text_of(scene, "name"), "on", point);
+        const figures off = scene_figures(chosen, json_member_text(scene, "name"), "off", point);
+        const figures on = scene_figures(chosen, json_member_text(scene, "name"), "on", point);
         if (isnan(off.values[BYTES]) || isnan(on.values[BYTES]))
             continue;
         for (int f = 0; f < FIGURES; ++f) {
@@ -183,13 +180,14 @@ static void put_step(json_t *table, selection *chosen, const json_t *points)
 {
     const json_t *scenes = json_object_get(chosen->plan, "scenes");
     const size_t count = json_array_size(scenes);
-    chosen->is_data_set = *text_of(json_array_get(scenes, 0), "data_set");
+    chosen->is_data_set = *json_member_text(json_array_get(scenes, 0), "data_set");
     const char *member = chosen->is_data_set ? "data_set" : "name";
     for (size_t s = 0; s < count; ++s) {
-        chosen->group = text_of(json_array_get(scenes, s), member);
+        chosen->group = json_member_text(json_array_get(scenes, s), member);
         bool first = true;
         for (size_t before = 0; before < s; ++before)
-            first = first && strcmp(chosen->group, text_of(json_array_get(scenes, before), member));
+            first = first &&
+                    strcmp(chosen->group, json_member_text(json_array_get(scenes, before), member));
         if (first)
             put_group(table, chosen, points);
     }
@@ -207,8 +205,9 @@ static json_t *steps_of(const json_t *runs, const char *kind)
         const json_t *result;
         json_array_foreach(json_object_get(json_array_get(runs, r), "post"), k, result)
         {
-            const char *step = text_of(result, "step"), *point = text_of(result, "point");
-            if (strcmp(text_of(result, "kind"), kind))
+            const char *step = json_member_text(result, "step"),
+                       *point = json_member_text(result, "point");
+            if (strcmp(json_member_text(result, "kind"), kind))
                 continue;
             if (!json_object_get(steps, step))
                 json_object_set_new(steps, step, json_array());

@@ -18,12 +18,6 @@
 #include "report/post_tables.h"
 #include "report/table_rows.h"
 
-static const char *text_of(const json_t *object, const char *member)
-{
-    const char *text = json_string_value(json_object_get(object, member));
-    return text ? text : "";
-}
-
 // A metric such as "train_seconds" or "test.psnr".
 static double metric_of(const json_t *run, const char *metric)
 {
@@ -46,9 +40,9 @@ static double mean(const json_t *runs, const char *scene, const char *pipeline, 
     for (size_t k = 0; k < json_array_size(runs); ++k) {
         const json_t *run = json_array_get(runs, k);
         const double value = metric_of(run, metric);
-        if ((scene && strcmp(scene, text_of(run, "scene"))) ||
-            strcmp(pipeline, text_of(run, "pipeline")) ||
-            strcmp(variant, text_of(run, "variant")) || isnan(value))
+        if ((scene && strcmp(scene, json_member_text(run, "scene"))) ||
+            strcmp(pipeline, json_member_text(run, "pipeline")) ||
+            strcmp(variant, json_member_text(run, "variant")) || isnan(value))
             continue;
         sum += value;
         ++count;
@@ -137,8 +131,8 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
     double count = 0, changes[METRICS];
     for (size_t s = 0; s < json_array_size(scenes); ++s) {
         const json_t *scene = json_array_get(scenes, s);
-        const char *name = text_of(scene, "name");
-        if (data_set && strcmp(data_set, text_of(scene, "data_set")))
+        const char *name = json_member_text(scene, "name");
+        if (data_set && strcmp(data_set, json_member_text(scene, "data_set")))
             continue;
         pair values;
         for (int k = 0; k < METRICS; ++k) {
@@ -171,8 +165,8 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
 static bool is_first_of_data_set(const json_t *scenes, size_t s)
 {
     for (size_t k = 0; k < s; ++k)
-        if (!strcmp(text_of(json_array_get(scenes, k), "data_set"),
-                    text_of(json_array_get(scenes, s), "data_set")))
+        if (!strcmp(json_member_text(json_array_get(scenes, k), "data_set"),
+                    json_member_text(json_array_get(scenes, s), "data_set")))
             return false;
     return true;
 }
@@ -187,7 +181,7 @@ static json_t *pipelines_table(const json_t *results)
     const json_t *plan = json_object_get(results, "plan"),
                  *pipelines = json_object_get(plan, "pipelines"),
                  *scenes = json_object_get(plan, "scenes");
-    const bool in_sets = *text_of(json_array_get(scenes, 0), "data_set");
+    const bool in_sets = *json_member_text(json_array_get(scenes, 0), "data_set");
     char *note = format_text(
         "Base: variant off; ours: variant on. PSNR (dB), SSIM, FLIP and sharpness of the held-out "
         "images. Better: higher PSNR and SSIM, lower FLIP, sharpness near 1.%s",
@@ -203,8 +197,8 @@ static json_t *pipelines_table(const json_t *results)
         change_mean total = {0};
         for (size_t s = 0; in_sets && s < json_array_size(scenes); ++s)
             if (is_first_of_data_set(scenes, s))
-                put_scenes(table, results, pipeline, text_of(json_array_get(scenes, s), "data_set"),
-                           &total);
+                put_scenes(table, results, pipeline,
+                           json_member_text(json_array_get(scenes, s), "data_set"), &total);
         if (!in_sets)
             put_scenes(table, results, pipeline, NULL, &total);
         finish_changes(&total, changes);
@@ -233,7 +227,7 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
     for (int k = 0; k < METRICS; ++k)
         base[k] = mean(runs, NULL, pipeline, "off", metrics[k]);
     for (size_t v = 0; v < json_array_size(variants); ++v) {
-        const char *variant = text_of(json_array_get(variants, v), "name");
+        const char *variant = json_member_text(json_array_get(variants, v), "name");
         double value[METRICS];
         for (int k = 0; k < METRICS; ++k)
             value[k] = mean(runs, NULL, pipeline, variant, metrics[k]);
@@ -307,14 +301,14 @@ static json_t *stops_table(const json_t *runs)
         "Early stops", "Runs that stopped in equilibrium before the end of the schedule.", columns);
     for (size_t k = 0; k < json_array_size(runs); ++k) {
         const json_t *run = json_array_get(runs, k), *summary = json_object_get(run, "summary");
-        if (strcmp(text_of(summary, "stop_reason"), "equilibrium"))
+        if (strcmp(json_member_text(summary, "stop_reason"), "equilibrium"))
             continue;
         json_t *row = json_array();
-        table_put_text(row, text_of(run, "scene"));
-        table_put_text(row, text_of(run, "pipeline"));
-        table_put_text(row, text_of(run, "variant"));
+        table_put_text(row, json_member_text(run, "scene"));
+        table_put_text(row, json_member_text(run, "pipeline"));
+        table_put_text(row, json_member_text(run, "variant"));
         table_put_number(row, "%.0f", json_number_value(json_object_get(run, "seed")));
-        table_put_text(row, text_of(summary, "stop_text"));
+        table_put_text(row, json_member_text(summary, "stop_text"));
         table_end_row(table, row);
     }
     return table;
@@ -354,7 +348,7 @@ static char *append_row(char *text, const json_t *cells)
 
 char *report_markdown(const json_t *results, const json_t *tables)
 {
-    const char *title = text_of(json_object_get(results, "plan"), "title");
+    const char *title = json_member_text(json_object_get(results, "plan"), "title");
     char *text = format_text("# %s\n\n%zu completed runs.\n", *title ? title : "Experiment",
                              json_array_size(json_object_get(results, "runs")));
     for (size_t t = 0; t < json_array_size(tables); ++t) {
@@ -363,8 +357,8 @@ char *report_markdown(const json_t *results, const json_t *tables)
                      *rows = json_object_get(table, "rows");
         if (!json_array_size(rows))
             continue;
-        char *longer = format_text("%s\n## %s\n\n%s\n\n", text, text_of(table, "title"),
-                                   text_of(table, "note"));
+        char *longer = format_text("%s\n## %s\n\n%s\n\n", text, json_member_text(table, "title"),
+                                   json_member_text(table, "note"));
         free(text);
         text = append_row(longer, columns);
         json_t *rule = json_array();

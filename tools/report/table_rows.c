@@ -6,6 +6,12 @@
 #include <math.h>
 #include <stdio.h>
 
+const char *json_member_text(const json_t *object, const char *member)
+{
+    const char *text = json_string_value(json_object_get(object, member));
+    return text ? text : "";
+}
+
 json_t *table_new(const char *title, const char *note, const char *const columns[])
 {
     json_t *list = json_array();

@@ -6,6 +6,9 @@
 
 #include <jansson.h>
 
+// The text of a member, "" if it is missing or no text.
+const char *json_member_text(const json_t *object, const char *member);
+
 // A table without rows. `columns` ends with NULL.
 json_t *table_new(const char *title, const char *note, const char *const columns[]);
 

@@ -126,7 +126,7 @@ static sgs_status equalize_threads(sgsi_tracer *tracer)
     return SGS_STATUS_OK;
 }
 
-static sgs_status prepare_threads(sgsi_tracer *tracer)
+sgs_status sgsi_tracer_prepare_threads(sgsi_tracer *tracer)
 {
     for (int i = 0; i < sgsi_threads(); ++i) {
         if (!tracer->threads[i])
@@ -135,7 +135,7 @@ static sgs_status prepare_threads(sgsi_tracer *tracer)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer's threads");
         tracer->threads[i]->status = SGS_STATUS_OK;
     }
-    return equalize_threads(tracer);
+    return SGS_STATUS_OK;
 }
 
 static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
@@ -605,7 +605,9 @@ static sgs_status forward_macrotiles(sgsi_tracer *tracer, forward_pass *pass,
 {
     const double start = sgsi_seconds();
     const sgsi_rays *rays = pass->view->rays;
-    sgs_status status = prepare_threads(tracer);
+    sgs_status status = sgsi_tracer_prepare_threads(tracer);
+    if (!status)
+        status = equalize_threads(tracer);
     if (!status)
         status = reserve_lists(tracer, (size_t)rays->tiles_x * (size_t)rays->tiles_y);
     if (status)

@@ -250,9 +250,10 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
     pass->end_cell = tracer->has_piece ? tracer->piece.last : cells->count;
     memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
     choose_buckets(pass);
-    sgs_status status =
-        reserve_buckets(tracer, (cells->tiles < CHUNK_TILES ? cells->tiles : CHUNK_TILES) *
-                                    (pass->bucket_count + 2));
+    sgs_status status = sgsi_tracer_prepare_threads(tracer);
+    if (!status)
+        status = reserve_buckets(tracer, (cells->tiles < CHUNK_TILES ? cells->tiles : CHUNK_TILES) *
+                                             (pass->bucket_count + 2));
     if (!status)
         status = reserve_cell_sums(tracer);
     if (!status && tracer->has_piece)

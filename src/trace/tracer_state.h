@@ -81,6 +81,10 @@ struct sgsi_tracer {
 };
 
 void sgsi_cell_sums_free(sgsi_cell_sums *sums);
+// Creates the missing states of the present threads and clears the status of all. Both passes call
+// it: the number of threads may change between them. Lists of the forward pass are kept. Fails with
+// OUT_OF_MEMORY.
+sgs_status sgsi_tracer_prepare_threads(sgsi_tracer *tracer);
 
 // ---- tracer_records.c ----
 

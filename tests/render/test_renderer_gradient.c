@@ -14,6 +14,7 @@
 
 #include <pthread.h>
 
+#include "sparegs/runtime.h"
 #include "support/fragile_support.h"
 #include "support/oracle_support.h"
 
@@ -376,6 +377,27 @@ static void renderers_of_two_threads_do_not_disturb_each_other(void **state)
     }
 }
 
+// Between the rendering and its gradient: from 1 thread to 4, and from 4 to 1.
+static void the_number_of_threads_may_change_before_the_gradient(void **state)
+{
+    (void)state;
+    static const int threads[3][2] = {{2, 2}, {1, 4}, {4, 1}};
+    char gradients[3][17];
+    for (int k = 0; k < 3; ++k) {
+        drawing d = drawing_create(48, 300, SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS);
+        for (int i = 0; i < PIXELS; ++i)
+            d.d_frame.color[0][i] = 1.0f;
+        sgs_threads_set(threads[k][0]);
+        assert_int_equal(draw(&d), SGS_STATUS_OK);
+        sgs_threads_set(threads[k][1]);
+        assert_int_equal(sgs_renderer_backward(d.renderer, &d.d_frame, d.d_model), SGS_STATUS_OK);
+        sgs_gaussians_hash(d.d_model, gradients[k]);
+        assert_string_equal(gradients[k], gradients[0]);
+        drawing_free(&d);
+    }
+    sgs_threads_set(0);
+}
+
 // ---- Options of other versions ----
 
 static void options_of_other_sizes_are_filled_up_or_refused(void **state)
@@ -409,6 +431,7 @@ int main(void)
         cmocka_unit_test(a_refitted_renderer_draws_the_bits_of_a_new_one),
         cmocka_unit_test(a_rendering_with_progress_has_the_same_bits_and_can_be_cancelled),
         cmocka_unit_test(renderers_of_two_threads_do_not_disturb_each_other),
+        cmocka_unit_test(the_number_of_threads_may_change_before_the_gradient),
         cmocka_unit_test(options_of_other_sizes_are_filled_up_or_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

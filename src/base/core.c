@@ -243,10 +243,17 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
     return SGS_STATUS_OK;
 }
 
+// The number makes the names of a process unique, also of threads that write the same file.
+static char *temporary_name(const char *path)
+{
+    static atomic_uint writes;
+    const unsigned number = atomic_fetch_add_explicit(&writes, 1, memory_order_relaxed);
+    return sgsi_format("%s.tmp.%ld%06u", path, (long)getpid(), number % 1000000);
+}
+
 sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
 {
-    *file = (sgsi_atomic_file){.path = sgsi_strdup(path),
-                               .temporary = sgsi_format("%s.tmp.%ld", path, (long)getpid())};
+    *file = (sgsi_atomic_file){.path = sgsi_strdup(path), .temporary = temporary_name(path)};
     if (!file->path || !file->temporary) {
         sgsi_atomic_abort(file);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);

@@ -75,7 +75,9 @@ sgs_status sgsi_file_open(const char *path, FILE **stream, size_t *size);
 // sgsi_free.
 sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_t *size);
 
-// Writes a file atomically: "PATH.tmp.PID" is written, flushed, synced and then renamed to PATH.
+// Writes a file atomically: "PATH.tmp.NUMBER" is written, flushed, synced and then renamed to PATH.
+// NUMBER consists of the process id and six digits that count the files of the process. Threads may
+// write the same path at the same time: the last commit remains.
 typedef struct sgsi_atomic_file {
     FILE *stream;
     char *path, *temporary;

@@ -14,6 +14,7 @@
 #include "model/init_points.h"
 #include "model/model_region.h"
 #include "sparegs/image.h"
+#include "sparegs/model_edit.h"
 #include "train/initial_selection.h"
 #include "train/trainer_state.h"
 
@@ -278,6 +279,7 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
     }
     if (status)
         return status;
+    sgs_gaussians_limit_sh(trainer->model, trainer->options.sh_degree);
     trainer->model->sh_degree = trainer->options.sh_degree;
     status = sgsi_density_sort(trainer->model);
     if (!status && !trainer->model->count)

@@ -49,6 +49,8 @@ static size_t first_rejected(const sgsi_optimize *input)
             one.sums = sums;
             one.touched = input->touched + block;
             one.visible = NULL;
+            if (one.view.filter_3d)
+                one.view.filter_3d += 16 * block;
             if (sgsi_optimize_blocks(&one, 0, 1).broken)
                 return 16 * block + lane;
         }

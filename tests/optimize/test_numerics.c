@@ -16,6 +16,7 @@
 
 #include "base/core.h"
 #include "density/density.h"
+#include "rays/rays.h"
 #include "sparegs/trainer.h"
 #include "train/trainer_state.h"
 
@@ -142,6 +143,49 @@ static void nonfinite_gradient_skips_its_primitive_and_is_reported(void **state)
     end(trainer);
 }
 
+// Row 25 has a 3D filter that is not finite. The filter of row 4 is not finite either, but no view
+// sees the row; row 20 has its lane.
+static void the_rejected_row_is_found_by_its_own_3d_filter(void **state)
+{
+    (void)state;
+    enum { ROWS = 40, FULL_BLOCKS = 48 };
+    static _Alignas(64) float sums[FULL_BLOCKS * SGSI_PROJECTED_FLOATS], filter[FULL_BLOCKS];
+    static const uint8_t touched[FULL_BLOCKS / SGS_LANES] = {0, 1, 1};
+    const sgs_view *photographed = &scene->views[0];
+    sgs_render_options options = sgs_render_options_default();
+    sgs_gaussians *model;
+    sgsi_rays *rays;
+    sgsi_view view;
+    assert_int_equal(sgs_gaussians_create(FULL_BLOCKS, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, ROWS), SGS_STATUS_OK);
+    double center[3];
+    sgs_pose_center(&photographed->pose, center);
+    for (size_t i = 0; i < ROWS; ++i) {
+        for (int k = 0; k < 3; ++k) {
+            *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k) = (float)center[k] + 1.0f + 0.01f * i;
+            *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) = -2.0f;
+        }
+        *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) = 1.0f;
+        filter[i] = i == 4 || i == 25 ? NAN : 0.01f;
+        for (size_t k = 0; k < SGSI_PROJECTED_FLOATS && i >= SGS_LANES; ++k)
+            sums[i * SGSI_PROJECTED_FLOATS + k] = 0.001f;
+    }
+    options.filter = SGS_FILTER_MIP;
+    options.filter_3d = filter;
+    assert_int_equal(sgsi_rays_create(&photographed->camera, 1, &rays), SGS_STATUS_OK);
+    sgsi_view_set(&view, rays, &photographed->pose, &options);
+    const sgsi_optimize input = {
+        .params = model->data, .count = ROWS, .view = view, .sums = sums, .touched = touched};
+    assert_int_equal(sgsi_optimize_blocks(&input, 1, 3).seen, ROWS - SGS_LANES);
+    assert_int_equal(sgsi_optimize_blocks(&input, 1, 3).broken, 1);
+    sgsi_rejected rejected = {0};
+    sgsi_find_rejected(&input, &rejected);
+    assert_int_equal(rejected.first, 25);
+    assert_true(rejected.mean[0] == *sgs_gaussians_at(model, 25, SGS_PARAM_MEAN));
+    sgsi_rays_destroy(rays);
+    sgs_gaussians_destroy(model);
+}
+
 static void warnings_are_rate_limited(void **state)
 {
     (void)state;
@@ -196,6 +240,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nonfinite_loss_skips_the_step_and_is_reported),
         cmocka_unit_test(nonfinite_gradient_skips_its_primitive_and_is_reported),
+        cmocka_unit_test(the_rejected_row_is_found_by_its_own_3d_filter),
         cmocka_unit_test(warnings_are_rate_limited),
         cmocka_unit_test(degenerate_gaussians_are_harmless_and_get_pruned),
     };

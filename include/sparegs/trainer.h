@@ -312,7 +312,8 @@ SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
 
 // Limits the memory of the process to `bytes`; 0 = no limit. A step whose structural update would
 // exceed it fails with OUT_OF_MEMORY and changes nothing. image_cache as in sgs_train_memory. With
-// several ranks, set a limit on all of them or on none. Cannot fail.
+// several ranks, the limits may differ; the step fails on all of them if one exceeds its limit.
+// Cannot fail.
 SGS_API void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache);
 
 // Runs one iteration. The last one sets info->stop; further calls fail with LIMIT. Structural

@@ -10,7 +10,10 @@
 #include "sparegs/ranks.h"
 
 // Raised by the library, besides the flags of callers.
-enum { SGSI_RANKS_SEEN = 1 << 16 }; // a primitive was hit
+enum {
+    SGSI_RANKS_SEEN = 1 << 16,   // a primitive was hit
+    SGSI_RANKS_LIMITED = 1 << 17 // the memory of a rank is limited
+};
 
 struct sgs_ranks {
     sgsi_transport transport;

@@ -525,9 +525,18 @@ void sgsi_trainer_restore(sgs_trainer *trainer)
 
 // ---- State ----
 
+// A limit of this rank concerns the updates of all.
+static void announce_limit(const sgs_trainer *trainer)
+{
+    if (trainer->memory_limit)
+        sgs_ranks_raise(trainer->views.ranks, SGSI_RANKS_LIMITED);
+}
+
 sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
 {
-    sgs_status status = sgs_ranks_agree(ranks, sgsi_view_ranks_create(&trainer->views, ranks));
+    sgs_status status = sgsi_view_ranks_create(&trainer->views, ranks);
+    announce_limit(trainer);
+    status = sgs_ranks_agree(ranks, status);
     if (!status && ranks)
         status = sgsi_rank_handshake(&trainer->views, trainer->model, ranks);
     return status || !sgsi_trainer_is_shared(trainer) ? status : sgsi_trainer_share(trainer);
@@ -537,6 +546,7 @@ void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t ima
 {
     trainer->memory_limit = bytes;
     trainer->image_cache = image_cache;
+    announce_limit(trainer);
 }
 
 bool sgs_trainer_is_consistent(const sgs_trainer *trainer)

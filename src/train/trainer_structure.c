@@ -8,6 +8,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "cluster/rank_calls.h"
 #include "sparegs/runtime.h"
 #include "train/trainer_state.h"
 
@@ -34,8 +35,6 @@ static spare_options spare_settings(const sgs_train_options *o, double gradient_
 // again in the next collective call of the step.
 static bool all_ranks(sgs_ranks *ranks, bool own)
 {
-    if (!ranks)
-        return own;
     const uint8_t mine = own;
     bool all = true;
     uint8_t *got = sgsi_alloc((size_t)sgs_ranks_count(ranks), 1);
@@ -50,10 +49,11 @@ static bool all_ranks(sgs_ranks *ranks, bool own)
 
 // True if the limit exceeds the estimate for `count` primitives, and also the current memory plus
 // its estimated growth and the temporary copy of one array.
-static bool memory_admits(const void *context, size_t count)
+static bool own_memory_admits(const sgs_trainer *trainer, size_t count)
 {
-    const sgs_trainer *trainer = context;
     const size_t before = trainer->count, limit = trainer->memory_limit;
+    if (!limit || count <= before)
+        return true;
     const int ranks = sgsi_trainer_ranks(trainer);
     const size_t copy = count / (size_t)ranks * SGS_PARAM_COUNT * sizeof(float);
     const size_t estimate = sgs_train_memory_per_rank(trainer->scene, &trainer->options,
@@ -61,9 +61,18 @@ static bool memory_admits(const void *context, size_t count)
                  current = sgs_train_memory_per_rank(trainer->scene, &trainer->options,
                                                      trainer->image_cache, before, ranks);
     const size_t growth = estimate > current ? estimate - current : 0;
-    const bool admits = !limit || count <= before ||
-                        (estimate <= limit && sgs_rss_current() + copy + growth <= limit);
-    return all_ranks(trainer->views.ranks, admits);
+    return estimate <= limit && sgs_rss_current() + copy + growth <= limit;
+}
+
+// With several ranks all call it, after the columns were gathered: they then know the same flags.
+static bool memory_admits(const void *context, size_t count)
+{
+    const sgs_trainer *trainer = context;
+    sgs_ranks *ranks = trainer->views.ranks;
+    if (!sgsi_trainer_is_shared(trainer))
+        return own_memory_admits(trainer, count);
+    return !(sgs_ranks_raised(ranks) & SGSI_RANKS_LIMITED) ||
+           all_ranks(ranks, own_memory_admits(trainer, count));
 }
 
 static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
@@ -100,7 +109,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .growth = schedule->growth,
         .removal_max = sgsi_schedule_removal_max(schedule, iteration),
         .max_count = o->max_gaussians,
-        .admits = trainer->memory_limit ? memory_admits : NULL,
+        .admits = trainer->memory_limit || sgsi_trainer_is_shared(trainer) ? memory_admits : NULL,
         .admits_context = trainer,
         .seed = o->seed,
         .iteration = iteration,

@@ -113,6 +113,7 @@ typedef struct training {
     int failing_at;
     size_t failing_allocation;
     size_t memory_limit; // 0 = none
+    int limited;         // the rank with this limit, -1 = all
     result out;
 } training;
 
@@ -157,7 +158,8 @@ static void run_rank(void *context, sgs_ranks *ranks)
         sgs_trainer_ranks_set(trainer, ranks) ||
         (t->first && sgs_trainer_load_checkpoint(trainer, folder)))
         abort();
-    sgs_trainer_memory_limit_set(trainer, t->memory_limit, 0);
+    if (t->limited < 0 || t->limited == sgs_ranks_rank(ranks))
+        sgs_trainer_memory_limit_set(trainer, t->memory_limit, 0);
     if (steps(t, trainer, sgs_ranks_rank(ranks))) {
         t->out.status = sgs_trainer_hash(trainer, t->out.hash);
         t->out.gaussians = sgs_trainer_count(trainer);
@@ -191,6 +193,7 @@ static training plan_of(sgs_pipeline pipeline)
                      .options = sgs_train_options_default(),
                      .last = ITERATIONS,
                      .failing = -1,
+                     .limited = -1,
                      .failing_at = -1};
     plan.options.iterations = ITERATIONS;
     plan.options.pipeline = pipeline;
@@ -381,6 +384,34 @@ static void a_failed_update_is_not_refused(void **state)
     assert_true(failures > 30);
 }
 
+// A limit that admits the updates, and one that refuses the first.
+static void one_rank_may_have_a_memory_limit(void **state)
+{
+    (void)state;
+    result actual[MOST_RANKS], unlimited;
+    training plan = plan_of(SGS_PIPELINE_MCMC);
+    plan.options.iterations = 90;
+    plan.options.pipeline_options.mcmc_growth = 1.0;
+    plan.last = 52; // one update, to more primitives
+    train(&plan, 0, &unlimited);
+    assert_true(unlimited.updates > 0);
+    plan.limited = 1;
+    plan.memory_limit = SIZE_MAX / 4;
+    train(&plan, 3, actual);
+    for (int r = 0; r < 3; ++r) {
+        if (actual[r].status)
+            fail_msg("%s", actual[r].message);
+        assert_int_equal(actual[r].updates, unlimited.updates);
+    }
+    assert_string_equal(actual[0].hash, unlimited.hash);
+    plan.memory_limit = 1;
+    train(&plan, 3, actual);
+    for (int r = 0; r < 3; ++r) {
+        assert_int_equal(actual[r].status, SGS_STATUS_OUT_OF_MEMORY);
+        assert_non_null(strstr(actual[r].message, "exceeds the memory limit"));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -393,6 +424,7 @@ int main(void)
         cmocka_unit_test(model_files_have_the_bytes_of_one_process),
         cmocka_unit_test(a_failure_stops_all_ranks),
         cmocka_unit_test(a_failed_update_is_not_refused),
+        cmocka_unit_test(one_rank_may_have_a_memory_limit),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

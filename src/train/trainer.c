@@ -203,10 +203,16 @@ static void prefetch_views(const sgs_trainer *trainer)
         sgs_scene_prefetch(trainer->scene, trainer->views.scene_views[trainer->order[i]]);
 }
 
+// Iterations per additional SH band. The primitives outside of a region are trained: they need all
+// their bands. A region without any has the same schedule, so that blocks of a scene train alike.
+static int sh_interval(const sgs_trainer *trainer)
+{
+    return sgs_box_is_infinite(&trainer->options.region) ? trainer->schedule.sh_interval : 0;
+}
+
 static int active_sh_degree(const sgs_trainer *trainer, int iteration)
 {
-    // The primitives outside of a region are trained: they need all their bands.
-    const int interval = trainer->fixed ? 0 : trainer->schedule.sh_interval;
+    const int interval = sh_interval(trainer);
     const int degree = interval ? iteration / interval : trainer->options.sh_degree;
     return degree < trainer->options.sh_degree ? degree : trainer->options.sh_degree;
 }
@@ -615,7 +621,7 @@ sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer)
                                   .reset_interval = resets ? schedule->reset_interval : 0,
                                   .thin_until = grows ? schedule->thin_until : 0,
                                   .half_size_until = halves ? schedule->half_size_until : 0,
-                                  .sh_interval = schedule->sh_interval,
+                                  .sh_interval = sh_interval(trainer),
                                   .gradient_factor = schedule->threshold_factor,
                                   .shape_factor = schedule->lr_shape,
                                   .opacity_factor = schedule->lr_opacity,

@@ -232,6 +232,30 @@ static void a_resumed_region_has_the_same_bits(void **state)
     }
 }
 
+// A region with some of the rows, one with all of them, and none.
+static void a_region_trains_all_sh_bands_from_the_first_iteration(void **state)
+{
+    (void)state;
+    for (int k = 0; k < 3; ++k) {
+        sgs_train_options options = options_of(SGS_PIPELINE_3DGS);
+        if (k == 1)
+            options.region = (sgs_box){{-1e6f, -1e6f, -1e6f}, {1e6f, 1e6f, 1e6f}};
+        if (k == 2)
+            options.region = sgs_box_infinite();
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        assert_true((trainer->fixed == 0) == (k > 0));
+        assert_int_equal(sgs_trainer_milestones(trainer).sh_interval, k < 2 ? 0 : 4);
+        trainer_run(trainer, 1);
+        size_t stepped = 0; // rows whose last band has a gradient
+        for (size_t i = 0; i < trainer->model->count; ++i)
+            stepped +=
+                trainer->m[(i / SGS_LANES * SGS_PARAM_COUNT + SGS_PARAM_COUNT - 1) * SGS_LANES +
+                           i % SGS_LANES] != 0.0f;
+        assert_true((stepped > 10) == (k < 2));
+        sgs_trainer_destroy(trainer);
+    }
+}
+
 // The first views with other pixels: 3 or 4 channels, bytes or floats up to 1.5.
 static sgs_scene *variant(int channels, bool floats)
 {
@@ -367,6 +391,7 @@ int main(void)
         cmocka_unit_test(centres_stay_in_the_box),
         cmocka_unit_test(the_cap_counts_the_region_only),
         cmocka_unit_test(a_resumed_region_has_the_same_bits),
+        cmocka_unit_test(a_region_trains_all_sh_bands_from_the_first_iteration),
         cmocka_unit_test(targets_of_two_halves_add_up_to_the_photographs),
         cmocka_unit_test(a_region_without_primitives_is_refused),
     };

@@ -210,7 +210,8 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
         aov->normal[0] || aov->position[0] || aov->primitive || aov->axis_depth ? aov : NULL;
     if (!aov->normal[0])
         return SGS_STATUS_OK;
-    if (renderer->normal_count < renderer->model->count) {
+    // Also for an empty model: the kernels write the plane only if there are normals.
+    if (!renderer->normals || renderer->normal_count < renderer->model->count) {
         sgsi_free(renderer->normals);
         renderer->normals = sgsi_alloc(renderer->model->count, 4 * sizeof *renderer->normals);
         renderer->normal_count = renderer->normals ? renderer->model->count : 0;

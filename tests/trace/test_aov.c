@@ -15,6 +15,7 @@
 
 #include "support/fragile_support.h"
 #include "support/oracle_support.h"
+#include "sparegs/aov_descriptors.h"
 #include "sparegs/runtime.h"
 
 static const sgs_pose identity = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
@@ -384,6 +385,43 @@ static void unrequested_planes_are_null(void **state)
     oracle_scene_free(&scene);
 }
 
+// A frame with other values, as one that is used again.
+static void an_empty_model_overwrites_every_plane(void **state)
+{
+    (void)state;
+    const size_t pixels = 33 * 21;
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 33, 21);
+    const sgs_render_options options = sgs_render_options_default();
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
+    sgs_gaussians *empty;
+    sgs_renderer *renderer;
+    sgs_frame frame;
+    assert_int_equal(sgs_gaussians_create(0, &empty), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_create(empty, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create_with(33, 21, SGS_AOVS_ALL, &frame), SGS_STATUS_OK);
+    for (size_t a = 0; a < count; ++a)
+        for (int c = 0; c < aovs[a].channels; ++c)
+            memset(sgs_aov_plane(&aovs[a], &frame, c), 0x41, pixels * sizeof(float)); // 12.08
+    assert_int_equal(sgs_renderer_render(renderer, &camera, &identity, &options, &frame),
+                     SGS_STATUS_OK);
+    for (size_t a = 0; a < count; ++a)
+        for (int c = 0; c < aovs[a].channels; ++c) {
+            const float *plane = sgs_aov_plane(&aovs[a], &frame, c);
+            for (size_t i = 0; i < pixels; ++i) {
+                const uint32_t *ids = sgs_aov_plane(&aovs[a], &frame, c);
+                const bool right = aovs[a].type == SGS_AOV_TYPE_UINT ? ids[i] == SGS_NO_PRIMITIVE
+                                   : plane == frame.transmittance    ? plane[i] == 1.0f
+                                                                     : plane[i] == 0.0f;
+                if (!right)
+                    fail_msg("pixel %zu of %s is %g", i, aovs[a].name, (double)plane[i]);
+            }
+        }
+    sgs_frame_free(&frame);
+    sgs_renderer_destroy(renderer);
+    sgs_gaussians_destroy(empty);
+}
+
 static void bits_do_not_depend_on_threads(void **state)
 {
     (void)state;
@@ -416,6 +454,7 @@ int main(void)
         cmocka_unit_test(depth_of_planes_is_true),
         cmocka_unit_test(depth_of_spheres_is_true),
         cmocka_unit_test(unrequested_planes_are_null),
+        cmocka_unit_test(an_empty_model_overwrites_every_plane),
         cmocka_unit_test(bits_do_not_depend_on_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

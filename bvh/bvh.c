@@ -185,6 +185,18 @@ static sgs_status commit(sgsi_bvh *bvh, const char *doing)
     return embree_failure(atomic_load(&bvh->error), doing);
 }
 
+// Both or none. A missing object is a failure, also if Embree stored no error.
+static sgs_status create_scene(sgsi_bvh *bvh)
+{
+    bvh->scene = rtcNewScene(device);
+    bvh->geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
+    if (bvh->scene && bvh->geometry)
+        return SGS_STATUS_OK;
+    const int error = (int)rtcGetDeviceError(device);
+    release_scene(bvh);
+    return embree_failure(error == RTC_ERROR_NONE ? RTC_ERROR_UNKNOWN : error, "creating a scene");
+}
+
 sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count,
                           sgsi_bvh_quality quality)
 {
@@ -203,10 +215,9 @@ sgs_status sgsi_bvh_build(sgsi_bvh *bvh, const sgsi_bounds *bounds, size_t count
         release_scene(bvh);
     bvh->quality = quality;
     if (!bvh->scene) {
-        bvh->scene = rtcNewScene(device);
-        bvh->geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
-        if (!bvh->scene || !bvh->geometry)
-            return embree_failure((int)rtcGetDeviceError(device), "creating a scene");
+        const sgs_status status = create_scene(bvh);
+        if (status)
+            return status;
         rtcSetSceneBuildQuality(bvh->scene, two_level ? RTC_BUILD_QUALITY_LOW : qualities[quality]);
         // ROBUST: box tests without the rounding of the fast mode, so that padded bounds are never
         // missed.

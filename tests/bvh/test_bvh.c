@@ -365,6 +365,50 @@ static void failed_list_growth_is_reported_and_list_stays_usable(void **state)
     sgsi_free(boxes);
 }
 
+// The linker replaces Embree's functions by these (tests/CMakeLists.txt). Without an Embree header:
+// only bvh/ includes them, and all arguments are pointers and an enumeration.
+static bool scene_fails, geometry_fails;
+
+// NOLINTBEGIN(bugprone-reserved-identifier,cert-dcl*): names of the linker
+void *__real_rtcNewScene(void *device);
+void *__real_rtcNewGeometry(void *device, int type);
+void *__wrap_rtcNewScene(void *device);
+void *__wrap_rtcNewGeometry(void *device, int type);
+
+void *__wrap_rtcNewScene(void *device)
+{
+    return scene_fails ? NULL : __real_rtcNewScene(device);
+}
+
+void *__wrap_rtcNewGeometry(void *device, int type)
+{
+    return geometry_fails ? NULL : __real_rtcNewGeometry(device, type);
+}
+// NOLINTEND(bugprone-reserved-identifier,cert-dcl*)
+
+// Embree stores no error here.
+static void a_missing_scene_or_geometry_fails_the_build_only(void **state)
+{
+    (void)state;
+    enum { COUNT = 500 };
+    sgsi_bounds *boxes = make_boxes(COUNT, 10);
+    sgsi_bvh *bvh;
+    assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OK);
+    for (int missing = 1; missing <= 3; ++missing) {
+        scene_fails = missing & 1;
+        geometry_fails = missing & 2;
+        for (int again = 0; again < 2; ++again)
+            assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT, SGSI_BVH_REFIT),
+                             SGS_STATUS_INTERNAL);
+        assert_string_equal(sgs_last_error(), "Embree failed while creating a scene");
+        scene_fails = geometry_fails = false;
+        assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT, SGSI_BVH_REFIT), SGS_STATUS_OK);
+        check_packets(bvh, boxes, COUNT, 10, INFINITY);
+    }
+    sgsi_bvh_destroy(bvh);
+    sgsi_free(boxes);
+}
+
 // Includes the first refit: Embree rebuilds a geometry that becomes refittable after its first
 // commit.
 static void every_refit_is_cheaper_than_a_build(void **state)
@@ -416,6 +460,7 @@ int main(void)
         cmocka_unit_test(invalid_lanes_gather_nothing),
         cmocka_unit_test(axis_aligned_rays_in_a_grid_lose_no_box),
         cmocka_unit_test(failed_list_growth_is_reported_and_list_stays_usable),
+        cmocka_unit_test(a_missing_scene_or_geometry_fails_the_build_only),
         cmocka_unit_test(every_refit_is_cheaper_than_a_build),
         cmocka_unit_test(memory_use_is_counted),
     };

@@ -294,11 +294,10 @@ sgs_status sgsi_density_apply(const sgsi_density_rows *rows, const sgsi_density_
         status = gather_block(rows->v, capacity, own, plan, false, moves, options, peers);
     if (status)
         return status;
-    model->count = own;
-    model->capacity = capacity;
+    model->count = model->capacity = capacity;
     if (rows->count)
         *rows->count = plan->count;
-    return SGS_STATUS_OK;
+    return sgs_gaussians_resize(model, own); // the rows after the own ones become inert
 }
 
 typedef struct reorder_job {

@@ -123,6 +123,33 @@ static void clone_copies_the_row_and_starts_its_moments_at_zero(void **state)
     drop(&f);
 }
 
+static void rows_after_the_last_one_are_inert(void **state)
+{
+    (void)state;
+    for (int linear = 0; linear < 2; ++linear) {
+        fixture f = make(40);
+        f.model->linear_opacity = linear;
+        for (size_t i = 0; i < 40 && linear; ++i)
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = 0.5f;
+        f.statistics.gradient_sum[7] = 5e-4f;
+        update(&f);
+        assert_int_equal(f.model->count, 41);
+        assert_true(f.model->capacity > 41);
+        for (size_t i = f.model->count; i < f.model->capacity; ++i)
+            for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
+                const float expected = k == SGS_PARAM_ROTATION  ? 1.0f
+                                       : k == SGS_PARAM_OPACITY ? (linear ? 0.0f : -30.0f)
+                                       : k >= SGS_PARAM_SCALE && k < SGS_PARAM_OPACITY ? -20.0f
+                                                                                       : 0.0f;
+                if (*sgs_gaussians_at(f.model, i, k) != expected)
+                    fail_msg("parameter %d of row %zu is %g", k, i,
+                             (double)*sgs_gaussians_at(f.model, i, k));
+                assert_true(moment(f.m, i, k) == 0 && moment(f.v, i, k) == 0);
+            }
+        drop(&f);
+    }
+}
+
 static void split_replaces_the_parent_by_two_smaller_children_around_it(void **state)
 {
     (void)state;
@@ -496,6 +523,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rows_that_are_not_finite_are_in_no_region),
         cmocka_unit_test(clone_copies_the_row_and_starts_its_moments_at_zero),
+        cmocka_unit_test(rows_after_the_last_one_are_inert),
         cmocka_unit_test(split_replaces_the_parent_by_two_smaller_children_around_it),
         cmocka_unit_test(split_children_scatter_like_the_parent),
         cmocka_unit_test(faint_and_oversized_rows_are_pruned),

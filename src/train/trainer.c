@@ -435,20 +435,34 @@ static sgs_status check_ready(const sgs_trainer *trainer)
 }
 
 // Continues a run that completed a shorter schedule: its last iteration changed counters only and
-// is repeated, so that the state equals that of a run with the present length, except for the
-// averages of loss and PSNR, which include this iteration twice. The rate of exposure and the last
-// refreshes of the 3D filter depend on the length and are those of the shorter one.
+// is repeated, so that the state equals that of a run with the present length. The rate of exposure
+// and the last refreshes of the 3D filter depend on the length and are those of the shorter one.
 static sgs_status repeat_last(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;
     sgs_step_info info;
     if (progress->stop != SGS_STOP_SCHEDULE || progress->iteration >= trainer->options.iterations)
         return SGS_STATUS_OK;
+    const sgsi_progress before = *progress;
     progress->stop = SGS_STOP_NONE;
-    trainer->stop_text[0] = '\0';
     --progress->iteration;
     --progress->order_position;
-    return sgs_trainer_step(trainer, &info);
+    const sgs_status status = sgs_trainer_step(trainer, &info);
+    if (status) { // the next call repeats it
+        progress->stop = before.stop;
+        progress->iteration = before.iteration;
+        progress->order_position = before.order_position;
+        return status;
+    }
+    if (progress->stop == SGS_STOP_NONE)
+        trainer->stop_text[0] = '\0';
+    // The averages and the counts already include it.
+    progress->loss_average = before.loss_average;
+    progress->loss_weight = before.loss_weight;
+    progress->psnr_average = before.psnr_average;
+    progress->psnr_weight = before.psnr_weight;
+    progress->skipped = before.skipped;
+    return SGS_STATUS_OK;
 }
 
 // One iteration; a failure of this rank alone is not known to the others yet.

@@ -127,6 +127,38 @@ static void every_stop_point_resumes_to_the_same_bits(void **state)
     sgs_threads_set(0);
 }
 
+// With the schedule of the papers, which does not depend on the length.
+static void a_completed_run_that_continues_counts_no_iteration_twice(void **state)
+{
+    (void)state;
+    enum { SHORT = 12, LONG = 20 };
+    sgs_train_options options = short_run(SHORT);
+    options.schedule = SGS_SCHEDULE_PAPER;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    assert_int_equal(trainer_run(trainer, SHORT).stop, SGS_STOP_SCHEDULE);
+    const char *path = temp_path(&folder, "completed");
+    assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
+    sgs_trainer_destroy(trainer);
+    options.iterations = LONG;
+    sgs_trainer *straight = trainer_create(scene, &options), *extended;
+    extended = trainer_create(scene, &options);
+    assert_int_equal(sgs_trainer_load_checkpoint(extended, path), SGS_STATUS_OK);
+    trainer_run(straight, SHORT);
+    for (int i = SHORT + 1; i <= LONG; ++i) {
+        const sgs_step_info a = trainer_run(straight, 1), b = trainer_run(extended, 1);
+        assert_int_equal(b.iteration, i);
+        if (a.loss_average != b.loss_average || a.psnr_average != b.psnr_average)
+            fail_msg("iteration %d: loss %.9g and PSNR %.9g, expected %.9g and %.9g", i,
+                     b.loss_average, b.psnr_average, a.loss_average, a.psnr_average);
+    }
+    char hashes[2][17];
+    digest(straight, hashes[0]);
+    digest(extended, hashes[1]);
+    assert_string_equal(hashes[0], hashes[1]);
+    sgs_trainer_destroy(straight);
+    sgs_trainer_destroy(extended);
+}
+
 static void a_loaded_state_is_written_as_the_same_bytes(void **state)
 {
     (void)state;
@@ -534,6 +566,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_stop_point_resumes_to_the_same_bits),
+        cmocka_unit_test(a_completed_run_that_continues_counts_no_iteration_twice),
         cmocka_unit_test(a_loaded_state_is_written_as_the_same_bytes),
         cmocka_unit_test(wrong_sections_are_refused_by_name),
         cmocka_unit_test(wrong_numbers_are_refused_by_name),

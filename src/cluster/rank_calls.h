@@ -29,12 +29,14 @@ struct sgs_ranks {
     size_t most_received; // bytes of the largest sgsi_ranks_deliver on any rank
     size_t *sizes;        // [count]
     uint64_t *matrix;     // [count][count]: of sgsi_ranks_deliver
+    void *headers;        // [count]: of a call
     sgs_ranks_traffic counted[SGS_RANKS_PURPOSE_COUNT];
     sgs_ranks_seconds spent[SGS_RANKS_PURPOSE_COUNT];
 };
 
-// Ranks over a transport, which sgs_ranks_close closes. Fails with OUT_OF_MEMORY; the transport is
-// then still open.
+// Ranks over a transport, which sgs_ranks_close closes. Fails on all ranks alike, with
+// OUT_OF_MEMORY if one has no memory, or with LIMIT (more than 65536); the transport is then
+// closed. Collective.
 sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks);
 
 // `count` transports of threads of this process; each is used by its own thread. Frees itself with

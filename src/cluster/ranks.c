@@ -16,7 +16,7 @@
 
 #include "base/core.h"
 
-enum { MESSAGE_BYTES = 960 };
+enum { MESSAGE_BYTES = 960, MOST_RANKS = 1 << 16 };
 
 typedef struct header {
     int32_t status;
@@ -39,6 +39,7 @@ enum {
 typedef struct failure {
     char node[64], text[MESSAGE_BYTES];
 } failure;
+_Static_assert(sizeof(failure) % SGSI_TRANSPORT_UNIT == 0, "is sent in whole units");
 
 static void count_bytes(sgs_ranks *ranks, sgs_ranks_purpose purpose, uint64_t bytes,
                         uint64_t messages)
@@ -66,23 +67,24 @@ static sgs_status fail_again(const sgs_ranks *ranks)
     return sgsi_fail(ranks->failed, "%s", ranks->message);
 }
 
-// All ranks learn the message of rank `failing`.
+// All ranks learn the message of rank `failing`; -1: none failed. Allocates nothing, as the others
+// wait for this message.
 static sgs_status fail_alike(sgs_ranks *ranks, int failing, sgs_status status, const char *text)
 {
-    failure own = {{0}, {0}}, *all = calloc((size_t)ranks->transport.count, sizeof *all);
-    if (!all) // the others wait for this message
-        abort();
-    snprintf(own.node, sizeof own.node, "%s", ranks->node);
-    snprintf(own.text, sizeof own.text, "%s", text ? text : sgs_last_error());
-    ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
+    failure own = {{0}, {0}}, got;
     ranks->failed = status;
-    if (failing < 0)
+    if (failing < 0) {
         snprintf(ranks->message, sizeof ranks->message,
                  "the ranks made different collective calls; this is a bug in sparegs");
-    else
-        snprintf(ranks->message, sizeof ranks->message, "rank %d (%.63s): %.*s", failing,
-                 all[failing].node, (int)MESSAGE_BYTES - 1, all[failing].text);
-    free(all);
+        return fail_again(ranks);
+    }
+    snprintf(own.node, sizeof own.node, "%s", ranks->node);
+    snprintf(own.text, sizeof own.text, "%s", text ? text : sgs_last_error());
+    memset(ranks->sizes, 0, (size_t)ranks->transport.count * sizeof *ranks->sizes);
+    ranks->sizes[failing] = sizeof own;
+    ranks->transport.gather_sizes(ranks->transport.state, &own, ranks->sizes, &got);
+    snprintf(ranks->message, sizeof ranks->message, "rank %d (%.63s): %.*s", failing, got.node,
+             (int)MESSAGE_BYTES - 1, got.text);
     return fail_again(ranks);
 }
 
@@ -92,15 +94,10 @@ static sgs_status meet_with(sgs_ranks *ranks, sgs_ranks_purpose purpose, header 
                             const char *text)
 {
     const double start = sgsi_seconds();
-    enum { FEW = 64 };
-    header few[FEW], *all = few;
+    header *all = ranks->headers; // allocated before: the others wait
     const int count = ranks->transport.count;
     if (ranks->failed)
         return fail_again(ranks);
-    if (count > FEW)
-        all = malloc((size_t)count * sizeof *all);
-    if (!all)
-        abort(); // the others wait
     own.flags = atomic_load(&ranks->own);
     ranks->transport.gather(ranks->transport.state, &own, sizeof own, all);
     ranks->spent[purpose].waiting += sgsi_seconds() - start;
@@ -118,8 +115,6 @@ static sgs_status meet_with(sgs_ranks *ranks, sgs_ranks_purpose purpose, header 
     const sgs_status status = failing < count ? (sgs_status)all[failing].status
                               : differs       ? SGS_STATUS_INTERNAL
                                               : SGS_STATUS_OK;
-    if (all != few)
-        free(all);
     return status ? fail_alike(ranks, failing < count ? failing : -1, status, text) : SGS_STATUS_OK;
 }
 
@@ -128,22 +123,62 @@ static sgs_status meet(sgs_ranks *ranks, sgs_ranks_purpose purpose, header own, 
     return meet_with(ranks, purpose, own, sizes, NULL);
 }
 
+static void free_ranks(sgs_ranks *ranks)
+{
+    if (!ranks)
+        return;
+    sgsi_free(ranks->send);
+    sgsi_free(ranks->got);
+    sgsi_free(ranks->sizes);
+    sgsi_free(ranks->matrix);
+    sgsi_free(ranks->headers);
+    sgsi_free(ranks);
+}
+
+// NULL if out of memory.
+static sgs_ranks *make_ranks(const sgsi_transport *transport)
+{
+    const size_t count = (size_t)transport->count;
+    sgs_ranks *made = sgsi_calloc(1, sizeof *made);
+    if (!made)
+        return NULL;
+    made->transport = *transport;
+    made->sizes = sgsi_calloc(count, sizeof *made->sizes);
+    made->matrix = sgsi_calloc(count * count, sizeof *made->matrix);
+    made->headers = sgsi_calloc(count, sizeof(header));
+    if (made->sizes && made->matrix && made->headers)
+        return made;
+    free_ranks(made);
+    return NULL;
+}
+
+// First rank that has failed, or -1.
+static int first_failing(const sgsi_transport *transport, bool fails)
+{
+    unsigned char own = fails, all[MOST_RANKS];
+    transport->gather(transport->state, &own, 1, all);
+    for (int r = 0; r < transport->count; ++r)
+        if (all[r])
+            return r;
+    return -1;
+}
+
 sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks)
 {
     *ranks = NULL;
-    sgs_ranks *made = sgsi_calloc(1, sizeof *made);
-    const size_t count = (size_t)transport->count;
-    size_t *sizes = sgsi_calloc(count, sizeof *sizes);
-    uint64_t *matrix = sgsi_calloc(count * count, sizeof *matrix);
-    if (!made || !sizes || !matrix) {
-        sgsi_free(made);
-        sgsi_free(sizes);
-        sgsi_free(matrix);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %d ranks", transport->count);
+    if (transport->count > MOST_RANKS) {
+        transport->close(transport->state);
+        return sgsi_fail(SGS_STATUS_LIMIT, "%d ranks exceed the limit of %d", transport->count,
+                         MOST_RANKS);
     }
-    made->transport = *transport;
-    made->sizes = sizes;
-    made->matrix = matrix;
+    sgs_ranks *made = make_ranks(transport);
+    const int failing = first_failing(transport, !made);
+    if (!made || failing >= 0) {
+        free_ranks(made);
+        transport->close(transport->state);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "rank %d: no memory for %d ranks", failing,
+                         transport->count);
+    }
     if (gethostname(made->node, sizeof made->node - 1))
         snprintf(made->node, sizeof made->node, "unknown node");
     *ranks = made;
@@ -157,11 +192,7 @@ void sgs_ranks_close(sgs_ranks *ranks)
     if (!ranks->failed) // another rank may have failed where this one has nothing left to do
         sgs_ranks_agree(ranks, SGS_STATUS_OK);
     ranks->transport.close(ranks->transport.state);
-    sgsi_free(ranks->send);
-    sgsi_free(ranks->got);
-    sgsi_free(ranks->sizes);
-    sgsi_free(ranks->matrix);
-    sgsi_free(ranks);
+    free_ranks(ranks);
 }
 
 int sgs_ranks_rank(const sgs_ranks *ranks)

@@ -3,11 +3,12 @@
 
 // sgs_ranks_collect on ranks that are threads of this process: blocks of any size arrive on rank 0
 // in the order of the ranks, from some or all of them, and only their bytes are counted. A rank
-// that fails, or has no memory, ends the call on all ranks with its message. sgs_ranks_compare
-// reports the difference in lines of any length.
+// that fails, or has no memory, ends the call on all ranks with its message, also at the start.
+// sgs_ranks_compare reports the difference in lines of any length.
 
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -221,6 +222,124 @@ static void more_senders_than_ranks_are_refused(void **state)
     }
 }
 
+// ---- Without memory ----
+
+static void (*close_transport)(void *state);
+static atomic_int closed;
+
+static void count_close(void *state)
+{
+    ++closed;
+    close_transport(state);
+}
+
+typedef struct starter {
+    sgsi_transport transport;
+    sgs_ranks *ranks;
+    sgs_status status;
+} starter;
+
+static void *start_rank(void *context)
+{
+    starter *s = context;
+    s->status = sgsi_ranks_create(&s->transport, &s->ranks);
+    return NULL;
+}
+
+// Every n-th allocation of three ranks fails. One that had started alone would wait for the others.
+static void a_rank_without_memory_at_the_start_ends_all(void **state)
+{
+    (void)state;
+    enum { COUNT = 3 };
+    for (size_t n = 1; n <= 9; ++n) {
+        sgsi_transport transports[COUNT];
+        starter starters[COUNT];
+        pthread_t threads[COUNT];
+        assert_true(sgsi_ranks_threads(COUNT, transports));
+        close_transport = transports[0].close;
+        closed = 0;
+        sgsi_fail_allocation(n);
+        for (int r = 0; r < COUNT; ++r) {
+            starters[r] = (starter){.transport = transports[r]};
+            starters[r].transport.close = count_close;
+            assert_int_equal(pthread_create(&threads[r], NULL, start_rank, &starters[r]), 0);
+        }
+        for (int r = 0; r < COUNT; ++r)
+            pthread_join(threads[r], NULL);
+        sgsi_fail_allocation(0);
+        for (int r = 0; r < COUNT; ++r) {
+            assert_int_equal(starters[r].status, SGS_STATUS_OUT_OF_MEMORY);
+            assert_null(starters[r].ranks);
+        }
+        assert_int_equal(closed, COUNT);
+    }
+}
+
+// The linker replaces malloc and calloc of the library by these (tests/CMakeLists.txt).
+static bool no_memory;
+
+// NOLINTBEGIN(bugprone-reserved-identifier,cert-dcl*): names of the linker
+void *__real_malloc(size_t size);
+void *__real_calloc(size_t count, size_t size);
+void *__wrap_malloc(size_t size);
+void *__wrap_calloc(size_t count, size_t size);
+
+void *__wrap_malloc(size_t size)
+{
+    return no_memory ? NULL : __real_malloc(size);
+}
+
+void *__wrap_calloc(size_t count, size_t size)
+{
+    return no_memory ? NULL : __real_calloc(count, size);
+}
+// NOLINTEND(bugprone-reserved-identifier,cert-dcl*)
+
+// A transport to ranks that all send the same: rank 0 of many.
+enum { MIRRORED = 200 };
+
+static void mirror_gather(void *state, const void *send, size_t bytes, void *got)
+{
+    (void)state;
+    for (size_t r = 0; r < MIRRORED; ++r)
+        memcpy((char *)got + r * bytes, send, bytes);
+}
+
+static void mirror_gather_sizes(void *state, const void *send, const size_t *sizes, void *got)
+{
+    (void)state;
+    char *to = got;
+    for (size_t r = 0; r < MIRRORED; to += sizes[r++])
+        memcpy(to, send, sizes[r]);
+}
+
+static void mirror_close(void *state)
+{
+    (void)state;
+}
+
+static void calls_agree_without_memory(void **state)
+{
+    (void)state;
+    const sgsi_transport transport = {.count = MIRRORED,
+                                      .gather = mirror_gather,
+                                      .gather_sizes = mirror_gather_sizes,
+                                      .close = mirror_close};
+    sgs_ranks *ranks;
+    assert_int_equal(sgsi_ranks_create(&transport, &ranks), SGS_STATUS_OK);
+    const size_t before = sgsi_allocation_count();
+    no_memory = true;
+    const sgs_status good = sgs_ranks_agree(ranks, SGS_STATUS_OK),
+                     bad = sgs_ranks_agree_text(ranks, SGS_STATUS_IO, "the disk is full");
+    no_memory = false;
+    assert_int_equal(sgsi_allocation_count(), before);
+    assert_int_equal(good, SGS_STATUS_OK);
+    assert_int_equal(bad, SGS_STATUS_IO);
+    assert_int_equal(strncmp(sgs_last_error(), "rank 0 (", 8), 0);
+    assert_non_null(strstr(sgs_last_error(), "): the disk is full"));
+    sgs_ranks_close(ranks);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -230,6 +349,8 @@ int main(void)
         cmocka_unit_test(one_process_keeps_its_block),
         cmocka_unit_test(the_difference_is_in_the_message),
         cmocka_unit_test(the_difference_of_a_missing_value_is_in_the_message),
-        cmocka_unit_test(more_senders_than_ranks_are_refused)};
+        cmocka_unit_test(more_senders_than_ranks_are_refused),
+        cmocka_unit_test(a_rank_without_memory_at_the_start_ends_all),
+        cmocka_unit_test(calls_agree_without_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -74,7 +74,7 @@ SGS_API sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **
                                        size_t *size);
 
 // Gathers `size` bytes of each rank, the same size on all, into got[count][size] on all ranks, in
-// the order of the ranks. Collective.
+// the order of the ranks. Fails with LIMIT if `size` exceeds 1 GiB. Collective.
 SGS_API sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
                                     size_t size, void *got);
 

@@ -16,7 +16,11 @@
 
 #include "base/core.h"
 
-enum { MESSAGE_BYTES = 960, MOST_RANKS = 1 << 16 };
+enum {
+    MESSAGE_BYTES = 960,
+    MOST_RANKS = 1 << 16,
+    MOST_GATHERED = 1 << 30 // bytes of a rank: counts of MPI are ints
+};
 
 typedef struct header {
     int32_t status;
@@ -407,6 +411,9 @@ sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
             memcpy(got, bytes, size);
         return own;
     }
+    if (!own && size > MOST_GATHERED)
+        own = sgsi_fail(SGS_STATUS_LIMIT, "%zu bytes of a rank exceed the limit of %d", size,
+                        MOST_GATHERED);
     const header mine = {.status = (int32_t)own, .kind = KIND_GATHER};
     const sgs_status status = meet(ranks, SGS_RANKS_OTHER, mine, NULL);
     if (status)

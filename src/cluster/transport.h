@@ -18,7 +18,7 @@ static inline size_t sgsi_ranks_padded(size_t bytes)
 typedef struct sgsi_transport {
     int rank, count;
     void *state;
-    // `bytes` of every rank to got[count][bytes] of every rank.
+    // `bytes` of every rank, at most 1 GiB, to got[count][bytes] of every rank.
     void (*gather)(void *state, const void *send, size_t bytes, void *got);
     // The same with sizes[count] bytes, multiples of SGSI_TRANSPORT_UNIT; got has no gaps.
     void (*gather_sizes)(void *state, const void *send, const size_t *sizes, void *got);

@@ -340,6 +340,24 @@ static void calls_agree_without_memory(void **state)
     sgs_ranks_close(ranks);
 }
 
+static void gather_too_much(void *context, sgs_ranks *ranks)
+{
+    compared *c = context;
+    c->status = sgs_ranks_gather(ranks, SGS_STATUS_OK, NULL, ((size_t)1 << 30) + 1, NULL);
+    snprintf(c->message, sizeof c->message, "%s", c->status ? sgs_last_error() : "");
+}
+
+static void more_bytes_than_a_message_can_have_are_refused(void **state)
+{
+    (void)state;
+    compared members[2] = {{.status = SGS_STATUS_OK}};
+    ranks_run(2, members, sizeof *members, gather_too_much);
+    for (int r = 0; r < 2; ++r) {
+        assert_int_equal(members[r].status, SGS_STATUS_LIMIT);
+        assert_non_null(strstr(members[r].message, "1073741825 bytes of a rank exceed the limit"));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -351,6 +369,7 @@ int main(void)
         cmocka_unit_test(the_difference_of_a_missing_value_is_in_the_message),
         cmocka_unit_test(more_senders_than_ranks_are_refused),
         cmocka_unit_test(a_rank_without_memory_at_the_start_ends_all),
-        cmocka_unit_test(calls_agree_without_memory)};
+        cmocka_unit_test(calls_agree_without_memory),
+        cmocka_unit_test(more_bytes_than_a_message_can_have_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

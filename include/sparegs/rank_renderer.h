@@ -28,9 +28,9 @@ SGS_API sgs_status sgs_rank_renderer_create(sgs_ranks *ranks, const sgs_scene *s
 SGS_API void sgs_rank_renderer_destroy(sgs_rank_renderer *renderer); // accepts NULL
 
 // Draws a view (index into scene->views) into the colour and transmittance of the frame of rank
-// `receiver`, whose size must be the camera's; other ranks ignore `frame`. The index is not
-// checked. own: the status of this rank so far. Fails as sgs_renderer_render, or as another rank
-// does. Collective.
+// `receiver`, whose size must be the camera's; other ranks ignore `frame`. own: the status of this
+// rank so far. Fails with INVALID_ARGUMENT if the scene has no such view, as sgs_renderer_render,
+// or as another rank does. Collective.
 SGS_API sgs_status sgs_rank_renderer_render(sgs_rank_renderer *renderer, sgs_status own,
                                             size_t view, int receiver, sgs_frame *frame);
 

@@ -166,6 +166,9 @@ sgs_status sgs_rank_renderer_render(sgs_rank_renderer *renderer, sgs_status own,
 {
     sgsi_train_views *views = &renderer->views;
     const bool receives = sgs_ranks_rank(views->ranks) == receiver;
+    if (!own && view >= views->scene->view_count)
+        own = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the scene has no view %zu, only %zu views",
+                        view, views->scene->view_count);
     if (!own && receives)
         own = check_frame(views->scene, view, frame);
     sgs_status status = sgs_ranks_agree(views->ranks, own);

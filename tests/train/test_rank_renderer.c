@@ -113,7 +113,8 @@ static int finish(void **state)
 typedef struct member {
     const char *path;
     sgs_render_options options;
-    int frame_width; // of the frame for the first view
+    int frame_width;   // of the frame for the first view
+    size_t first_view; // index
     sgs_frame frames[VIEWS];
     sgs_status status;
     char message[256];
@@ -129,7 +130,8 @@ static void run_rank(void *context, sgs_ranks *ranks)
         sgs_status own = SGS_STATUS_OK;
         if (receiver == sgs_ranks_rank(ranks))
             own = sgs_frame_create_with(v ? WIDTH : m->frame_width, HEIGHT, 0, &m->frames[v]);
-        m->status = sgs_rank_renderer_render(renderer, own, (size_t)v, receiver, &m->frames[v]);
+        m->status = sgs_rank_renderer_render(renderer, own, m->first_view + (size_t)v, receiver,
+                                             &m->frames[v]);
     }
     if (m->status)
         snprintf(m->message, sizeof m->message, "%s", sgs_last_error());
@@ -233,6 +235,9 @@ static void failures_are_those_of_all_ranks(void **state)
     plan = plan_of(temp_path(&folder, "model.ply"), SGS_FILTER_3DGS);
     plan.frame_width = WIDTH + 1;
     expect_failure(&plan, SGS_STATUS_INVALID_ARGUMENT, "frame size");
+    plan = plan_of(temp_path(&folder, "model.ply"), SGS_FILTER_3DGS);
+    plan.first_view = VIEWS;
+    expect_failure(&plan, SGS_STATUS_INVALID_ARGUMENT, "the scene has no view 3, only 3 views");
 }
 
 int main(void)

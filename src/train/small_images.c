@@ -51,11 +51,24 @@ sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi
     return sgsi_resolution_plan(&images, until, plan);
 }
 
+// First pixel that reduced pixel `at` covers, and the end of them; sides of up to 65536 pixels.
+static int covered_begin(int at, int from, int to)
+{
+    return (int)((int64_t)at * from / to);
+}
+
+static int covered_end(int at, int from, int to)
+{
+    return (int)((((int64_t)at + 1) * from + to - 1) / to);
+}
+
 // True if all (or any) of the pixels that reduced pixel (x, y) covers are valid.
 static bool is_valid(const sgs_photo *from, const sgs_photo *to, int x, int y, bool all)
 {
-    for (int v = y * from->height / to->height; v * to->height < (y + 1) * from->height; ++v)
-        for (int u = x * from->width / to->width; u * to->width < (x + 1) * from->width; ++u)
+    const int right = covered_end(x, from->width, to->width),
+              bottom = covered_end(y, from->height, to->height);
+    for (int v = covered_begin(y, from->height, to->height); v < bottom; ++v)
+        for (int u = covered_begin(x, from->width, to->width); u < right; ++u)
             if (sgs_mask_is_valid(from->valid_mask, from->width, u, v) != all)
                 return !all;
     return all;

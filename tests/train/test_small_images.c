@@ -15,6 +15,7 @@
 #include "sparegs/trainer.h"
 #include "support/files_support.h"
 #include "support/trainer_support.h"
+#include "train/small_images.h"
 #include "train/trainer_state.h"
 
 // With 60 photographs a quarter of the run has half the size; the scene has 35, 20 of 45 above the
@@ -210,6 +211,43 @@ static void runs_with_a_model_have_the_full_size(void **state)
     tree_remove(&folder);
 }
 
+// The largest side of a photograph: products of sides exceed an int.
+static void the_mask_of_a_long_photograph_is_reduced(void **state)
+{
+    (void)state;
+    enum { LONG = 65536, SHORT = 4, MASKED = 10 };
+    for (int tall = 0; tall < 2; ++tall) {
+        const int width = tall ? SHORT : LONG, height = tall ? LONG : SHORT;
+        uint8_t *pixels = calloc((size_t)LONG * SHORT, 3), *mask = malloc((size_t)LONG * SHORT);
+        memset(mask, 255, (size_t)LONG * SHORT);
+        for (int y = 0; y < height; ++y)
+            for (int x = 0; x < width; ++x)
+                if ((tall ? y : x) >= LONG - MASKED)
+                    mask[(size_t)y * (size_t)width + (size_t)x] = 0;
+        const sgs_view_source source = {.camera = {.model = SGS_CAMERA_PINHOLE,
+                                                   .width = width,
+                                                   .height = height,
+                                                   .params = {LONG, LONG, width / 2, height / 2}},
+                                        .pose = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}},
+                                        .channels = 3,
+                                        .pixels = pixels,
+                                        .mask = mask};
+        sgs_scene *long_scene;
+        if (sgs_scene_create(&source, 1, NULL, NULL, 0, NULL, &long_scene))
+            fail_msg("%s", sgs_last_error());
+        size_t index = 0;
+        const sgsi_train_views views = {.scene = long_scene, .scene_views = &index, .count = 1};
+        sgsi_small_images images;
+        if (sgsi_small_images_make(&views, 2, &images))
+            fail_msg("%s", sgs_last_error());
+        assert_int_equal(images.photos[0].kept, (LONG - MASKED) / 2 * (SHORT / 2));
+        sgsi_small_images_free(&images);
+        sgs_scene_destroy(long_scene);
+        free(pixels);
+        free(mask);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -218,6 +256,7 @@ int main(void)
         cmocka_unit_test(float_photographs_keep_their_size),
         cmocka_unit_test(a_resumed_run_has_the_same_sizes),
         cmocka_unit_test(runs_with_a_model_have_the_full_size),
+        cmocka_unit_test(the_mask_of_a_long_photograph_is_reduced),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -347,7 +347,7 @@ sgs_status sgsi_make_folder(const char *path)
     char *partial = sgsi_strdup(path);
     if (!partial)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to create it", path);
-    for (char *at = partial + 1;; ++at) {
+    for (char *at = partial + (*partial != 0);; ++at) { // behind the '/' of an absolute path
         if (*at != '/' && *at != 0)
             continue;
         const char kept = *at;

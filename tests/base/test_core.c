@@ -100,11 +100,34 @@ static void threads_that_write_one_file_leave_a_whole_one(void **state)
     temp_folder_remove(&folder);
 }
 
+// ---- Folders ----
+
+static void folders_are_made_with_their_parents(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a/b/c");
+    for (int again = 0; again < 2; ++again)
+        assert_int_equal(sgsi_make_folder(path), SGS_STATUS_OK);
+    assert_true(sgsi_is_folder(path));
+    tree_remove(&folder);
+}
+
+// A sanitizer build detects a read past the end of the path.
+static void a_folder_without_a_name_is_refused(void **state)
+{
+    (void)state;
+    assert_int_equal(sgsi_make_folder(""), SGS_STATUS_IO);
+    assert_string_equal(sgs_last_error(), ": cannot be created: No such file or directory");
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(two_open_writes_of_a_file_are_separate),
         cmocka_unit_test(threads_that_write_one_file_leave_a_whole_one),
+        cmocka_unit_test(folders_are_made_with_their_parents),
+        cmocka_unit_test(a_folder_without_a_name_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

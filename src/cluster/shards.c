@@ -294,9 +294,3 @@ sgs_status sgsi_send_lists_make(sgsi_send_lists *lists, const uint64_t *found, s
     sgsi_parallel_ranges(rows, CHUNK, list_chunk, &job);
     return SGS_STATUS_OK;
 }
-
-void sgsi_shard_count_owners(const uint32_t *rows, size_t count, int ranks, size_t *counts)
-{
-    for (size_t i = 0; i < count; ++i)
-        ++counts[sgsi_shard_owner(rows[i], ranks)];
-}

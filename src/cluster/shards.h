@@ -66,8 +66,3 @@ typedef struct sgsi_send_lists {
 sgs_status sgsi_send_lists_make(sgsi_send_lists *lists, const uint64_t *found, size_t rows,
                                 int ranks);
 void sgsi_send_lists_free(sgsi_send_lists *lists);
-
-// ---- Sums: the owners of primitives ----
-
-// counts[r] += number of the `count` rows that rank r owns.
-void sgsi_shard_count_owners(const uint32_t *rows, size_t count, int ranks, size_t *counts);

@@ -93,13 +93,6 @@ void sgsi_filter_3d_scale(const sgs_scene *scene, const size_t *views, size_t vi
         filter_3d[i] = (filter_3d[i] < 0.0f ? farthest : filter_3d[i]) * scale;
 }
 
-void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
-                            size_t view_count, float *filter_3d)
-{
-    const float farthest = sgsi_filter_3d_sample(model, scene, views, view_count, filter_3d);
-    sgsi_filter_3d_scale(scene, views, view_count, farthest, filter_3d, model->count);
-}
-
 double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d)
 {
     double factor = 1.0;

@@ -8,20 +8,16 @@
 #include "sparegs/gaussians.h"
 #include "sparegs/scene.h"
 
-// The two steps of sgsi_filter_3d_compute, for a model that several processes share. _sample writes
-// the nearest depth at which a view samples each primitive to filter_3d [count], world units, -1 if
-// none does, and returns the largest of them, 0 if there is none. _scale turns the depths into
-// filters; `farthest` is the largest depth of the rows of all processes. Cannot fail.
+// The filter f3 of every primitive in two steps, because several processes may share a model.
+// views: [view_count] indices into scene->views, at least one. _sample writes the nearest depth at
+// which a view samples each primitive to filter_3d [count], world units, -1 if none does, and
+// returns the largest of them, 0 if there is none. _scale turns the depths into filters, world
+// units; `farthest`, the largest depth of the rows of all processes, is that of primitives that no
+// view samples. Cannot fail.
 float sgsi_filter_3d_sample(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
                             size_t view_count, float *filter_3d);
 void sgsi_filter_3d_scale(const sgs_scene *scene, const size_t *views, size_t view_count,
                           float farthest, float *filter_3d, size_t count);
-
-// Writes filter_3d [count], f3 of every primitive in world units. views: [view_count] indices into
-// scene->views, at least one. A primitive that no view samples gets the largest filter of the
-// sampled ones. Cannot fail.
-void sgsi_filter_3d_compute(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
-                            size_t view_count, float *filter_3d);
 
 // sqrt(product s^2 / product (s^2 + f3^2)): the factor of the filter on the opacity of a primitive.
 double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d);

@@ -55,17 +55,6 @@ static void lengths_of_messages_give_their_items(void **state)
         }
 }
 
-static void owners_are_counted(void **state)
-{
-    (void)state;
-    const uint32_t rows[] = {0, 256, 512, 768, 5, 255, 1024, 17500};
-    size_t counts[3] = {10, 0, 0};
-    sgsi_shard_count_owners(rows, sizeof rows / sizeof *rows, 3, counts);
-    assert_int_equal(counts[0], 10 + 4); // 0, 768, 5, 255
-    assert_int_equal(counts[1], 2);      // 256, 1024
-    assert_int_equal(counts[2], 2);      // 512, 17500
-}
-
 static void lists_hold_the_rows_of_each_rank(void **state)
 {
     (void)state;
@@ -357,7 +346,6 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(places_are_dense_and_ascend),
         cmocka_unit_test(lengths_of_messages_give_their_items),
-        cmocka_unit_test(owners_are_counted),
         cmocka_unit_test(lists_hold_the_rows_of_each_rank),
         cmocka_unit_test(lists_contain_every_hit),
         cmocka_unit_test(guesses_do_not_change_the_ranks),

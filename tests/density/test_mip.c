@@ -38,7 +38,8 @@ static void filter_is_the_finest_sampling_of_all_views(void **state)
     }
     const sgs_scene set = {.view_count = 4, .views = views};
     float filter[200];
-    sgsi_filter_3d_compute(scene.model, &set, used, 3, filter);
+    const float largest = sgsi_filter_3d_sample(scene.model, &set, used, 3, filter);
+    sgsi_filter_3d_scale(&set, used, 3, largest, filter, 200);
     double nearest[200], farthest = 0;
     size_t unseen = 0;
     for (size_t i = 0; i < 200; ++i) {

@@ -267,6 +267,11 @@ static sgsi_container_section *find(const sgsi_container *container, const char 
     return NULL;
 }
 
+bool sgsi_container_has(const sgsi_container *container, const char *name)
+{
+    return find(container, name) != NULL;
+}
+
 // Inflates into a buffer that doubles only after the data has filled it.
 static sgs_status inflate(const sgsi_container *container, sgsi_container_section *section)
 {

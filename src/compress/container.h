@@ -70,5 +70,7 @@ void sgsi_container_close(sgsi_container *container); // accepts a zeroed one
 // SGSI_ANY_SIZE. size may be NULL. Fails with FORMAT naming the section, or OUT_OF_MEMORY.
 sgs_status sgsi_container_take(sgsi_container *container, const char *name, int64_t bytes,
                                const uint8_t **data, size_t *size);
+// Whether the file has a section of this name.
+bool sgsi_container_has(const sgsi_container *container, const char *name);
 // FORMAT if a section was never taken.
 sgs_status sgsi_container_finish(const sgsi_container *container);

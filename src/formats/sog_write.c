@@ -355,7 +355,7 @@ sgs_status sgsi_sog_put(sgsi_model_folder *folder, const char *unit, const sgsi_
     sgs_status status = SGS_STATUS_OK;
     for (size_t k = 0; k < count && !status; ++k) {
         char name[96];
-        snprintf(name, sizeof name, "%s%s", unit, files[k].name);
+        snprintf(name, sizeof name, "%s%.63s", unit, files[k].name);
         status = sgsi_model_folder_put(folder, name, files[k].bytes, files[k].size);
         *written += files[k].size;
     }

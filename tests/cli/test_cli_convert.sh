@@ -172,8 +172,11 @@ run 0 convert "$temporary/n.ply" "$temporary/l.html"
 reports "html shows linear colours without encoding them"
 run 0 convert "$ply" "$temporary/w.spz" --white 4
 reports "spz has no mark for the white point; render with --white 4"
-run 0 compress "$temporary/bare.ply" -o "$temporary/l.sgc" --method ghap --quiet
-reports "the container has no mark for linear colours"
+run 0 compress "$temporary/n.ply" -o "$temporary/l.sgc" --method ghap --filter mip --quiet
+check no_warning test ! -s "$temporary/stderr"
+run 0 decompress "$temporary/l.sgc" -o "$temporary/from_sgc.ply"
+run 0 info "$temporary/from_sgc.ply" --json
+json "$temporary/stdout" '.train_space == "linear" and .white == 4 and .antialiased'
 run 0 train "$room" -o "$temporary/mixed" --init "$temporary/bare.ply" --iterations 2 --downscale 8 --quiet
 reports "its colours are linear, those of this training are srgb"
 

@@ -167,7 +167,9 @@ static void fine_tuning_applies_the_3d_filter(void **state)
     assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
     assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
     float filter[COUNT];
-    sgsi_filter_3d_compute(decoded, scene, (const size_t[]){0, 1, 2}, PRUNE_VIEWS, filter);
+    const size_t views[] = {0, 1, 2};
+    const float farthest = sgsi_filter_3d_sample(decoded, scene, views, PRUNE_VIEWS, filter);
+    sgsi_filter_3d_scale(scene, views, PRUNE_VIEWS, farthest, filter, decoded->count);
     for (size_t i = 0; i < decoded->count; ++i)
         for (int k = 0; k < 3; ++k) {
             const float s = expf(*sgs_gaussians_at(decoded, i, SGS_PARAM_SCALE + k));

@@ -162,7 +162,8 @@ static void the_rejected_row_is_found_by_its_own_3d_filter(void **state)
     sgs_pose_center(&photographed->pose, center);
     for (size_t i = 0; i < ROWS; ++i) {
         for (int k = 0; k < 3; ++k) {
-            *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k) = (float)center[k] + 1.0f + 0.01f * i;
+            *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k) =
+                (float)center[k] + 1.0f + 0.01f * (float)i;
             *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) = -2.0f;
         }
         *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) = 1.0f;

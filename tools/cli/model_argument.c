@@ -152,8 +152,7 @@ static void warn_about_colors(const char *path, const char *name, const sgs_mode
 void model_warn_unmarked(const char *path, sgs_model_format format,
                          const sgs_model_write_options *options)
 {
-    const char *name =
-        format < SGS_MODEL_FORMAT_COUNT ? sgs_model_format_name(format) : "the container";
+    const char *name = sgs_model_format_name(format);
     if (options->antialiased && !sgs_model_format_marks_filter(format))
         print_warning("%s: %s has no mark for models trained with Mip-Splatting's filters; render "
                       "with --filter mip",

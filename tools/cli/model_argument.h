@@ -47,7 +47,6 @@ sgs_model_write_options model_write_options(const drawing_values *drawing);
 int model_output_format(const char *path, sgs_model_format *format);
 
 // Warns if the format has no mark for what the options say about the model. path: the file.
-// SGS_MODEL_FORMAT_COUNT stands for the files of `compress`.
 void model_warn_unmarked(const char *path, sgs_model_format format,
                          const sgs_model_write_options *options);
 

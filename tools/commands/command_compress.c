@@ -401,7 +401,8 @@ static int run_compress(const command_call *call, const compress_values *values,
         options.background[c] = drawing->background[c];
     set_method_options(values, &options);
     const sgs_model_write_options marks = model_write_options(drawing);
-    model_warn_unmarked(values->output, SGS_MODEL_FORMAT_COUNT, &marks);
+    options.antialiased = marks.antialiased;
+    options.colors = marks.colors;
     const char *stage = NULL;
     options.progress = show_progress;
     options.progress_user = &stage;

@@ -34,11 +34,16 @@ static const option decompress_options[] = {
      .help = "file to write, in the format of its name"},
 };
 
-// Writes the model in the format of the name. False after printing the error or after a signal.
-static bool write_model(const char *path, const sgs_gaussians *model)
+// Writes the model in the format of the name, with the marks of the compressed file. False after
+// printing the error or after a signal.
+static bool write_model(const char *path, sgs_model_format format, const sgs_gaussians *model,
+                        const sgs_compress_info *info)
 {
     sgs_model_write_options options = sgs_model_write_options_default();
     options.progress = model_show_encoding;
+    options.antialiased = info->antialiased;
+    options.colors = info->colors;
+    model_warn_unmarked(path, format, &options);
     if (!make_folder_of(path))
         return false;
     progress_work_start();
@@ -49,14 +54,14 @@ static bool write_model(const char *path, const sgs_gaussians *model)
     return !status;
 }
 
-static int decompress_file(const char *path, const char *output, bool json)
+static int decompress_file(const char *path, const char *output, sgs_model_format format, bool json)
 {
     sgs_gaussians *model = NULL;
     sgs_compress_info info;
     const double start = clock_seconds();
     if (sgs_decompress(path, &model, &info))
         return fail_library();
-    const bool done = !interrupt_signal() && write_model(output, model);
+    const bool done = !interrupt_signal() && write_model(output, format, model, &info);
     sgs_gaussians_destroy(model);
     if (interrupt_signal())
         return interrupt_status();
@@ -101,5 +106,5 @@ int command_decompress(int argc, char **argv)
     if (status >= 0)
         return status;
     interrupt_watch();
-    return decompress_file(call.line.operands[0], values.output, call.common.json);
+    return decompress_file(call.line.operands[0], values.output, format, call.common.json);
 }

@@ -51,6 +51,8 @@ export PATH=$temporary/bin:$PATH
 path=("$model" "$room" --orbit 5 --size 60x34)
 run 0 render "${path[@]}" --video "$temporary/one.mp4"
 check five_frames test "$(stat -c %s "$temporary/one.mp4")" = $((5 * 60 * 34 * 3))
+ranks 0 2 render "$model" "$room" --view 0001 --size 32x18 -o "$temporary/"$'odd\xe9' --quiet
+prints "(a path that is not UTF-8)"
 counts=(2 3)
 if is_long; then counts+=(7); fi
 for count in "${counts[@]}"; do

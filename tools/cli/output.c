@@ -218,7 +218,11 @@ void reported_files_list(void)
 {
     size_t i;
     json_t *path;
-    json_array_foreach(json_object_get(reported, "files"), i, path) puts(json_string_value(path));
+    json_array_foreach(json_object_get(reported, "files"), i, path)
+    {
+        const char *text = json_string_value(path);
+        puts(text ? text : "(a path that is not UTF-8)");
+    }
     json_decref(reported);
     reported = NULL;
 }

@@ -325,7 +325,7 @@ static bool reads_views(const compress_values *values)
            fine_tunes(values);
 }
 
-#define VIEW_OPTIONS "images|downscale|eval|test-every|test-images|filter|compact-box|near"
+#define VIEW_OPTIONS "images|downscale|eval|test-every|test-images|compact-box|near"
 #define PHOTO_OPTIONS "masks|invert-masks|alpha|input-colorspace"
 #define TRAINING_OPTIONS "image-cache|background"
 

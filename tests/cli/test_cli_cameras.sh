@@ -152,6 +152,8 @@ run 0 render "$model" "$room" --orbit 2 --frames 0 --size 32x20 --aov rgba --fps
 check rate_without_a_video bash -c "exrheader '$temporary/rate_of_exr/orbit_00000.exr' | grep -q '^framesPerSecond (type rational): 24/1'"
 run 2 render "$model" "$room" --orbit 2 --fps 24 --format png --save-cameras json -o "$temporary/none"
 reports "--fps requires --video"
+run 2 render "$model" "$room" --view 0001 --fps 24 -o "$temporary/none"
+reports "--fps has no effect on --view, a still image"
 
 # size_keeps_the_vertical_field_of_view: the centre of a wide image equals the narrow one
 run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary/wide"

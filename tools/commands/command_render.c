@@ -562,6 +562,8 @@ static int check_values(const command_line *line, const render_values *values,
             "--orbit, --spiral, --view, --split and --camera are mutually exclusive; choose one");
     if (choice->split_given && (values->view || values->camera))
         return refuse_idle(line, "split", values->view ? "with --view" : "with --camera");
+    if (values->view && !values->film && !option_given(line, "save-cameras") && values->fps > 0)
+        return refuse_idle(line, "fps", "on --view, a still image");
     if (values->frames && !frame_range_parse(values->frames, &choice->frames))
         return fail_usage("--frames: '%s' is not FIRST-LAST or FIRST-LAST:STEP, counted from 0",
                           values->frames);

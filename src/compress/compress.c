@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "compress/compress_method.h"
+#include "formats/color_marks.h"
 #include "formats/model_rows.h"
 
 // In the order of sgs_compress_method.
@@ -69,13 +70,12 @@ static sgs_status read_marks(sgsi_container *container, bool *antialiased, sgs_m
     const uint64_t bits = sgsi_load_u64(bytes + 8);
     double white;
     memcpy(&white, &bits, sizeof white);
-    if (bytes[0] > 1 || bytes[1] > 1 || bytes[2] > SGS_SPACE_LINEAR ||
-        !(white >= 0.0 && isfinite(white)))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' has an unknown value",
-                         container->path, MARKS);
     *antialiased = bytes[0];
     *colors =
         (sgs_model_colors){.named = bytes[1], .space = (sgs_space)bytes[2], .white_point = white};
+    if (bytes[0] > 1 || bytes[1] > 1 || sgsi_colors_wrong(colors))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' has an unknown value",
+                         container->path, MARKS);
     return SGS_STATUS_OK;
 }
 
@@ -83,12 +83,8 @@ static sgs_status read_marks(sgsi_container *container, bool *antialiased, sgs_m
 
 static sgs_status check_marks(const sgs_model_colors *colors)
 {
-    if ((unsigned)colors->space <= SGS_SPACE_LINEAR && colors->white_point >= 0.0 &&
-        isfinite(colors->white_point))
-        return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                     "option colors has an unknown space, or a white point that is negative or "
-                     "not finite");
+    const char *wrong = sgsi_colors_wrong(colors);
+    return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "option %s", wrong) : SGS_STATUS_OK;
 }
 
 static sgs_status check_ranges(const sgs_compress_options *o)

@@ -3,6 +3,7 @@
 
 #include "formats/color_marks.h"
 
+#include <float.h>
 #include <locale.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,6 +26,15 @@ void sgsi_color_comments_write(FILE *stream, const sgs_model_colors *colors)
         uselocale(earlier);
         freelocale(plain);
     }
+}
+
+const char *sgsi_colors_wrong(const sgs_model_colors *colors)
+{
+    if (colors->space != SGS_SPACE_SRGB && colors->space != SGS_SPACE_LINEAR)
+        return "colors.space is unknown";
+    return colors->white_point >= 0.0 && colors->white_point <= DBL_MAX
+               ? NULL
+               : "colors.white_point is negative or not finite";
 }
 
 double sgsi_white_point_checked(double value)

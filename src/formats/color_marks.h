@@ -20,6 +20,9 @@ void sgsi_color_comment_parse(const char *key, const char *value, sgs_model_colo
 // functions than those of sRGB and linear light; NULL for none.
 void sgsi_color_space_parse(const char *path, const char *name, sgs_model_colors *colors);
 
+// What is wrong with the colours of an option or a file, or NULL.
+const char *sgsi_colors_wrong(const sgs_model_colors *colors);
+
 // 0 unless the value is in the range of --white: above 0, at most 1e30.
 double sgsi_white_point_checked(double value);
 

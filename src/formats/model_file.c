@@ -7,13 +7,13 @@
 
 #include "sparegs/model_file.h"
 
-#include <float.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
 
 #include "base/core.h"
+#include "formats/color_marks.h"
 #include "formats/model_format.h"
 #include "formats/sog.h"
 
@@ -254,10 +254,8 @@ static sgs_status check_write_options(const char *path, const sgs_model_write_op
         wrong = "palette_iterations is not positive";
     else if (options->lod_levels < 1 || options->lod_levels > 16)
         wrong = "lod_levels is not within 1 to 16";
-    else if (options->colors.space != SGS_SPACE_SRGB && options->colors.space != SGS_SPACE_LINEAR)
-        wrong = "colors.space is unknown";
-    else if (!(options->colors.white_point >= 0.0 && options->colors.white_point <= DBL_MAX))
-        wrong = "colors.white_point is negative or not finite";
+    else
+        wrong = sgsi_colors_wrong(&options->colors);
     return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %s", path, wrong) : SGS_STATUS_OK;
 }
 

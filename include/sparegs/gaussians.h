@@ -63,6 +63,9 @@ SGS_API sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity);
 // -20, zero elsewhere. Fails as reserve; the model is then unchanged.
 SGS_API sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
 
+// Makes `to`, an existing model, equal to `from`. Fails as resize; `to` is then unchanged.
+SGS_API sgs_status sgs_gaussians_copy(sgs_gaussians *to, const sgs_gaussians *from);
+
 // One parameter of one primitive in the internal layout; no bounds check.
 static inline float *sgs_gaussians_at(const sgs_gaussians *model, size_t i, int param)
 {

@@ -117,6 +117,18 @@ sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count)
     return SGS_STATUS_OK;
 }
 
+sgs_status sgs_gaussians_copy(sgs_gaussians *to, const sgs_gaussians *from)
+{
+    const sgs_status status = sgs_gaussians_resize(to, from->count);
+    if (status)
+        return status;
+    const size_t blocks = (from->count + SGS_LANES - 1) / SGS_LANES;
+    memcpy(to->data, from->data, blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof *to->data);
+    to->sh_degree = from->sh_degree;
+    to->linear_opacity = from->linear_opacity;
+    return SGS_STATUS_OK;
+}
+
 void sgs_gaussians_get(const sgs_gaussians *model, size_t i, float params[SGS_PARAM_COUNT])
 {
     const float *column = sgs_gaussians_at(model, i, 0);

@@ -19,20 +19,12 @@ static sgs_status copy_model(const sgs_gaussians *from, sgs_gaussians **to)
 {
     sgs_status status = sgs_gaussians_create(from->count, to);
     if (!status)
-        status = sgs_gaussians_resize(*to, from->count);
+        status = sgs_gaussians_copy(*to, from);
     if (status) {
         sgs_gaussians_destroy(*to);
         *to = NULL;
-        return status;
     }
-    (*to)->sh_degree = from->sh_degree;
-    (*to)->linear_opacity = from->linear_opacity;
-    for (size_t i = 0; i < from->count; ++i) {
-        float row[SGS_PARAM_COUNT];
-        sgs_gaussians_get(from, i, row);
-        sgs_gaussians_set(*to, i, row);
-    }
-    return SGS_STATUS_OK;
+    return status;
 }
 
 static sgs_status run(sgs_trainer *trainer, const sgs_finetune_options *options)

@@ -326,6 +326,27 @@ static void strided_copies_read_and_write_one_parameter(void **state)
     sgs_gaussians_destroy(model);
 }
 
+static void a_copy_is_equal_whatever_was_there(void **state)
+{
+    (void)state;
+    sgs_gaussians *from = random_model(37, 40);
+    from->sh_degree = 1;
+    static const size_t counts[] = {0, 5, 37, 300};
+    for (size_t c = 0; c < sizeof counts / sizeof *counts; ++c) {
+        sgs_gaussians *to = random_model(counts[c], counts[c]);
+        assert_int_equal(sgs_gaussians_copy(to, from), SGS_STATUS_OK);
+        char expected[17], actual[17];
+        sgs_gaussians_hash(from, expected);
+        sgs_gaussians_hash(to, actual);
+        assert_string_equal(actual, expected);
+        assert_int_equal(to->count, 37);
+        assert_int_equal(to->sh_degree, 1);
+        assert_inert(to, 37);
+        sgs_gaussians_destroy(to);
+    }
+    sgs_gaussians_destroy(from);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -340,6 +361,7 @@ int main(void)
         cmocka_unit_test(init_is_the_same_for_every_thread_count),
         cmocka_unit_test(hash_sees_every_bit_and_only_the_rows),
         cmocka_unit_test(strided_copies_read_and_write_one_parameter),
+        cmocka_unit_test(a_copy_is_equal_whatever_was_there),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

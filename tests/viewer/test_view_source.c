@@ -43,7 +43,7 @@ static void ray_tables_of_viewer_and_preview_are_limited(void **state)
     view_source source = {.name = "model"};
     sgs_gaussians *model;
     assert_int_equal(sgs_gaussians_create(scene.count, &model), SGS_STATUS_OK);
-    assert_true(model_copy(model, scene.model));
+    assert_int_equal(sgs_gaussians_copy(model, scene.model), SGS_STATUS_OK);
     assert_true(view_source_open(&source, model, NULL, 0));
     look_around(source.renderer);
     crop_preview preview = {0};
@@ -86,7 +86,7 @@ static void saved_files_replace_no_other(void **state)
     view_source source = {.name = "model", .drawing = {.compact_box = 1, .white_point = 1}};
     sgs_gaussians *model;
     assert_int_equal(sgs_gaussians_create(scene.count, &model), SGS_STATUS_OK);
-    assert_true(model_copy(model, scene.model));
+    assert_int_equal(sgs_gaussians_copy(model, scene.model), SGS_STATUS_OK);
     assert_true(view_source_open(&source, model, NULL, 0));
     source.folder = strdup(folder.path);
     view_painter painter = {.source = &source};

@@ -8,24 +8,14 @@
 
 #include "cli/progress.h"
 
-bool model_copy(sgs_gaussians *to, const sgs_gaussians *from)
-{
-    if (sgs_gaussians_resize(to, from->count))
-        return false;
-    const size_t blocks = (from->count + SGS_LANES - 1) / SGS_LANES;
-    memcpy(to->data, from->data, blocks * SGS_PARAM_COUNT * SGS_LANES * sizeof *to->data);
-    to->sh_degree = from->sh_degree;
-    to->linear_opacity = from->linear_opacity;
-    return true;
-}
-
 // Clears the flags of the floaters among the primitives that are kept so far.
 static bool drop_floaters(const sgs_floater_options *options, const sgs_gaussians *model,
                           unsigned char *keep)
 {
     sgs_gaussians *kept = NULL;
     unsigned char *connected = malloc(model->count + 1);
-    bool done = connected && !sgs_gaussians_create(model->count, &kept) && model_copy(kept, model);
+    bool done =
+        connected && !sgs_gaussians_create(model->count, &kept) && !sgs_gaussians_copy(kept, model);
     if (!done)
         fail_run("no memory to filter %zu primitives", model->count);
     if (done) {

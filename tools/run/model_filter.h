@@ -29,9 +29,6 @@ typedef struct model_filter {
     const sgs_floater_options *floaters; // of the primitives that the others kept; NULL = none
 } model_filter;
 
-// Makes `to` equal to `from`. False if out of memory; sgs_last_error describes it.
-bool model_copy(sgs_gaussians *to, const sgs_gaussians *from);
-
 // Sets keep[count] to 1 for the primitives that pass all filters, else 0. False after printing the
 // error.
 bool model_filter_select(const model_filter *filter, const sgs_gaussians *model,

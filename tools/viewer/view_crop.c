@@ -66,7 +66,7 @@ bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, view_sou
     if (!preview->model && sgs_gaussians_create(model->count, &preview->model))
         return false;
     unsigned char *keep = select_kept(crop, source);
-    bool done = keep && model_copy(preview->model, model);
+    bool done = keep && !sgs_gaussians_copy(preview->model, model);
     if (done) {
         preview->removed = model->count - count_kept(keep, model->count);
         for (size_t i = 0; i < model->count; ++i)
@@ -98,7 +98,8 @@ json_t *crop_save(const view_crop *crop, view_source *source)
     json_t *reply = NULL;
     const int n = free_number(source->folder, "crop", "ply");
     char *path = format_text("%s/crop_%04d.ply", source->folder, n);
-    if (n && keep && !sgs_gaussians_create(model->count, &kept) && model_copy(kept, model)) {
+    if (n && keep && !sgs_gaussians_create(model->count, &kept) &&
+        !sgs_gaussians_copy(kept, model)) {
         const sgs_model_write_options options = model_write_options(&source->drawing);
         sgs_model_written written;
         sgs_selection_apply(kept, keep);

@@ -86,7 +86,7 @@ bool view_source_offer(view_source *source, const sgs_gaussians *model, const fl
         return false;
     sgs_gaussians *fused = NULL;
     bool done = !filter_3d || !sgs_gaussians_fuse_filter_3d(model, filter_3d, &fused);
-    done = done && model_copy(source->model, fused ? fused : model);
+    done = done && !sgs_gaussians_copy(source->model, fused ? fused : model);
     sgs_gaussians_destroy(fused);
     if (done) {
         atomic_store(&source->iteration, iteration);

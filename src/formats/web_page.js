@@ -114,7 +114,20 @@ void main() {
   result = vec4(color.rgb * alpha, alpha);
 }`;
 
-function compile(gl) {
+// Scene-linear colours are blended in a texture and encoded as sRGB afterwards.
+const screenShader = `#version 300 es
+void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
+const encodingShader = `#version 300 es
+precision highp float;
+precision highp sampler2D;
+uniform sampler2D linear;
+out vec4 result;
+void main() {
+  vec3 value = clamp(texelFetch(linear, ivec2(gl_FragCoord.xy), 0).rgb, 0.0, 1.0);
+  result = vec4(mix(1.055 * pow(value, vec3(1.0 / 2.4)) - 0.055, 12.92 * value, lessThanEqual(value, vec3(0.0031308))), 1.0);
+}`;
+
+function compile(gl, vertexShader, fragmentShader) {
   const program = gl.createProgram();
   for (const [type, text] of [[gl.VERTEX_SHADER, vertexShader], [gl.FRAGMENT_SHADER, fragmentShader]]) {
     const shader = gl.createShader(type);
@@ -164,6 +177,36 @@ function decodeMeans(lower, upper) {
       means[3 * i + k] = Math.sign(t) * Math.expm1(Math.abs(t));
     }
   return means;
+}
+
+// ---- Linear colours ----
+
+// Half floats keep values above 1. Without them, WebGL 2 still blends sRGB textures in linear light.
+function makeEncoder(gl, unit) {
+  const half = gl.getExtension('EXT_color_buffer_float') || gl.getExtension('EXT_color_buffer_half_float');
+  const program = compile(gl, screenShader, encodingShader), target = gl.createFramebuffer(), place = gl.TEXTURE0 + unit;
+  let texture = null, width = 0, height = 0;
+  gl.useProgram(program);
+  gl.uniform1i(gl.getUniformLocation(program, 'linear'), unit);
+  return {
+    begin() {
+      gl.bindFramebuffer(gl.FRAMEBUFFER, target);
+      if (width === canvas.width && height === canvas.height) return;
+      gl.deleteTexture(texture);
+      [texture, width, height] = [gl.createTexture(), canvas.width, canvas.height];
+      gl.activeTexture(place);
+      gl.bindTexture(gl.TEXTURE_2D, texture);
+      gl.texStorage2D(gl.TEXTURE_2D, 1, half ? gl.RGBA16F : gl.SRGB8_ALPHA8, width, height);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
+    },
+    end() {
+      gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+      gl.useProgram(program);
+      gl.disable(gl.BLEND);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+      gl.enable(gl.BLEND);
+    },
+  };
 }
 
 // ---- Order ----
@@ -282,7 +325,7 @@ const distance = () => Math.hypot(...add(camera.eye, target, -1));
 
 // ---- Picture ----
 
-let gl, program, textures, worker, sorting = false, sortedFor = null, ordered = false, pending = false, lost = false;
+let gl, program, encoder = null, textures, worker, sorting = false, sortedFor = null, ordered = false, pending = false, lost = false;
 let centre = [0, 0, 0];
 const places = {}; // uniforms that change with the camera
 
@@ -313,17 +356,21 @@ function draw() {
   canvas.width = Math.round(canvas.clientWidth * ratio);
   canvas.height = Math.round(canvas.clientHeight * ratio);
   sort();
+  if (!canvas.width || !canvas.height) return;
   gl.viewport(0, 0, canvas.width, canvas.height);
+  if (encoder) encoder.begin();
   gl.clearColor(0, 0, 0, 1);
   gl.clear(gl.COLOR_BUFFER_BIT);
   if (!ordered) return;
   const {focal, center} = projection(), [r, d, f] = camera.axes;
+  gl.useProgram(program);
   gl.uniform3fv(places.eye, camera.eye);
   gl.uniformMatrix3fv(places.axes, false, [r[0], d[0], f[0], r[1], d[1], f[1], r[2], d[2], f[2]]);
   gl.uniform2fv(places.focal, focal);
   gl.uniform2fv(places.center, center);
   gl.uniform2f(places.size, canvas.width, canvas.height);
   gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+  if (encoder) encoder.end();
   if (!sorting) status.textContent = `${given.name}: ${count.toLocaleString('en')} primitives` +
     (camera.lens.name && !camera.moved ? `, ${camera.lens.name}` : '');
 }
@@ -346,7 +393,8 @@ async function start() {
   centre = target;
   document.title = given.name;
 
-  program = compile(gl);
+  if (given.linear) encoder = makeEncoder(gl, images.length + 1);
+  program = compile(gl, vertexShader, fragmentShader);
   const place = (name) => gl.getUniformLocation(program, name);
   gl.useProgram(program);
   const bands = meta.shN ? meta.shN.bands : 0, codes = new Float32Array(768);

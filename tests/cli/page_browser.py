@@ -87,7 +87,12 @@ def splat(row, lens, axes, eye, mip):
     return far, (lens["fx"] * x / z + lens["cx"], lens["fy"] * y / z + lens["cy"]), (a + added, b, c + added), opacity, color
 
 
-def rasterise(rows, lens, axes, eye, mip):
+def srgb(value):
+    """A linear value from 0 to 1, encoded (IEC 61966-2-1)."""
+    return 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
+
+
+def rasterise(rows, lens, axes, eye, mip, encode):
     """RGB bytes: splats in the order of the distances of their centres."""
     width, height = lens["width"], lens["height"]
     image, left = [0.0] * (3 * width * height), [1.0] * (width * height)
@@ -104,7 +109,7 @@ def rasterise(rows, lens, axes, eye, mip):
                     for k in range(3):
                         image[3 * at + k] += left[at] * alpha * color[k]
                     left[at] *= 1 - alpha
-    return bytes(max(0, min(255, round(255 * value))) for value in image)
+    return bytes(round(255 * encode(max(0, min(1, value)))) for value in image)
 
 
 def picture(page, name):
@@ -136,7 +141,8 @@ def compare(name, *options):
         camera = page.run("({...page.projection(), near: page.near(), axes: page.camera.axes, eye: page.camera.eye})")
         lens = {"width": shown[0], "height": shown[1], "near": camera["near"], "fx": camera["focal"][0], "fy": camera["focal"][1],
                 "cx": camera["center"][0], "cy": camera["center"][1]}
-        quality = psnr(shown[2], rasterise(rows, lens, camera["axes"], camera["eye"], "mip" in options))
+        encode = srgb if "linear" in options else lambda value: value
+        quality = psnr(shown[2], rasterise(rows, lens, camera["axes"], camera["eye"], "mip" in options, encode))
         print(f"{name}, camera {view}: {quality:.2f} dB")
         expect(f"{name}_{view}_is_right", quality > 40, quality)
         expect("no_message", not page.messages, page.messages)
@@ -184,6 +190,7 @@ def main():
     path = compare("page")
     controls(path)
     compare("mip", "--filter", "mip")
+    compare("linear", "--train-space", "linear")
     sys.exit(1 if expect.failed else 0)
 
 

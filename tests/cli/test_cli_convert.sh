@@ -169,7 +169,10 @@ done
 run 0 eval "$temporary/l.spz" "$room" --downscale 8 --json --quiet --train-space linear --white 4
 check the_advice_helps test "$(jq -n "($(value .mean.psnr) - $linear_reference) | fabs < 1.5")" = true
 run 0 convert "$temporary/n.ply" "$temporary/l.html"
-reports "html shows linear colours without encoding them"
+check the_page_encodes_them test "$(grep -c '^"linear":true,$' "$temporary/l.html")" = 1
+check no_warning test ! -s "$temporary/stderr"
+run 0 convert "$ply" "$temporary/s.html"
+check the_page_shows_display_values test "$(grep -c '^"linear":false,$' "$temporary/s.html")" = 1
 run 0 convert "$ply" "$temporary/w.spz" --white 4
 reports "spz has no mark for the white point; render with --white 4"
 run 0 compress "$temporary/n.ply" -o "$temporary/l.sgc" --method ghap --filter mip --quiet

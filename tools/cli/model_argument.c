@@ -157,10 +157,7 @@ void model_warn_unmarked(const char *path, sgs_model_format format,
         print_warning("%s: %s has no mark for models trained with Mip-Splatting's filters; render "
                       "with --filter mip",
                       path, name);
-    if (format == SGS_MODEL_HTML && options->colors.space == SGS_SPACE_LINEAR)
-        print_warning("%s: html shows linear colours without encoding them, which is too dark",
-                      path);
-    else if (format != SGS_MODEL_HTML && !sgs_model_format_marks_colors(format))
+    if (format != SGS_MODEL_HTML && !sgs_model_format_marks_colors(format))
         warn_about_colors(path, name, &options->colors);
 }
 

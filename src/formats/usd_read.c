@@ -2,9 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Reads a ParticleField3DGaussianSplat from OpenUSD text: the first one in the layer, its five
-// attributes (or their half twins, which the text also writes as numbers), colorSpace:name, our
-// white point, upAxis, and nothing else. No composition, no time samples; transforms above the prim
-// are refused, because they would have to rotate SH.
+// attributes (or their half twins, which the text also writes as numbers), colorSpace:name (its own
+// or that of the nearest prim above it, as in UsdColorSpaceAPI), our white point, upAxis, and
+// nothing else. No composition, no time samples; transforms above the prim are refused, because
+// they would have to rotate SH.
 
 #include "formats/model_format.h"
 
@@ -47,8 +48,12 @@ typedef struct usd_reader {
     int prim_depth;       // depth inside of the splats, 0 before
     int above;            // after the splats: number of prims around them that are still open
     bool finished;        // after the splats
-    bool transformed[MOST_DEPTH + 1]; // by depth: the open prims
-    bool moved;                       // the splats or a prim above them have a transform
+    struct {
+        bool transformed;
+        char color_space[MOST_WORD + 1]; // "" if it has none
+    } open[MOST_DEPTH + 1];              // by depth: the open prims
+    bool moved;                          // the splats or a prim above them have a transform
+    char color_space[MOST_WORD + 1];     // of the splats, "" if no prim has one
     bool z_up;
     bool colors_only; // skips the arrays, without warnings
     sgs_model_colors colors;
@@ -168,17 +173,17 @@ static sgs_status read_numbers(usd_reader *reader, usd_values kind)
     }
 }
 
-// A token in double quotes.
+// A token in double quotes, of the innermost open prim.
 static void read_color_space(usd_reader *reader)
 {
-    char name[MOST_WORD + 1];
+    char *name = reader->open[reader->depth].color_space;
     size_t length = 0;
+    skip_space(reader);
     if (*reader->at != '"')
         return;
     for (const char *at = reader->at + 1; is_word(*at) && length < MOST_WORD; ++at)
         name[length++] = *at;
     name[length] = 0;
-    sgsi_color_space_parse(reader->colors_only ? NULL : reader->path, name, &reader->colors);
 }
 
 // After "NAME =" inside of the splats.
@@ -187,10 +192,6 @@ static sgs_status read_attribute(usd_reader *reader, const char *name)
     skip_space(reader);
     if (!strcmp(name, "radiance:sphericalHarmonicsDegree")) {
         reader->sh_degree = (int)strtol(reader->at, NULL, 10);
-        return SGS_STATUS_OK;
-    }
-    if (!strcmp(name, "colorSpace:name")) {
-        read_color_space(reader);
         return SGS_STATUS_OK;
     }
     if (!strcmp(name, "sparegs:whitePoint")) {
@@ -218,7 +219,9 @@ static sgs_status open_brace(usd_reader *reader, bool is_splats)
 {
     if (reader->depth == MOST_DEPTH)
         return fail_line(reader, "braces are nested deeper than 64");
-    reader->transformed[++reader->depth] = false;
+    ++reader->depth;
+    reader->open[reader->depth].transformed = false;
+    reader->open[reader->depth].color_space[0] = 0;
     if (is_splats && reader->finished && !reader->colors_only)
         sgsi_warn("%s: line %d: only the first splats are read", reader->path, reader->line);
     if (is_splats && !reader->prim_depth && !reader->finished)
@@ -226,18 +229,26 @@ static sgs_status open_brace(usd_reader *reader, bool is_splats)
     return SGS_STATUS_OK;
 }
 
+// The innermost open prim is that of the splats or one above it.
+static void inherit(usd_reader *reader)
+{
+    reader->moved |= reader->open[reader->depth].transformed;
+    if (!*reader->color_space)
+        memcpy(reader->color_space, reader->open[reader->depth].color_space,
+               sizeof reader->color_space);
+    reader->above = reader->depth - 1;
+}
+
 static sgs_status close_brace(usd_reader *reader)
 {
     if (!reader->depth)
         return fail_line(reader, "'}' without '{'");
     if (reader->depth == reader->prim_depth) {
-        reader->moved = reader->transformed[reader->depth];
         reader->prim_depth = 0;
         reader->finished = true;
-        reader->above = reader->depth - 1;
-    } else if (reader->depth == reader->above) {
-        reader->moved |= reader->transformed[reader->depth];
-        --reader->above;
+        inherit(reader);
+    } else if (reader->finished && reader->depth == reader->above) {
+        inherit(reader);
     }
     --reader->depth;
     return SGS_STATUS_OK;
@@ -266,7 +277,9 @@ static sgs_status read_layer(usd_reader *reader)
                 skip_space(reader);
                 reader->z_up = reader->at + 1 < reader->end && reader->at[1] == 'Z';
             } else if (!strncmp(previous, "xformOp:", 8)) {
-                reader->transformed[reader->depth] = true;
+                reader->open[reader->depth].transformed = true;
+            } else if (!strcmp(previous, "colorSpace:name") && !parentheses) {
+                read_color_space(reader);
             } else if (reader->prim_depth && reader->depth == reader->prim_depth && !parentheses) {
                 status = read_attribute(reader, previous);
             }
@@ -281,6 +294,9 @@ static sgs_status read_layer(usd_reader *reader)
             SGS_STATUS_UNSUPPORTED,
             "%s: the splats or a prim above them have a transform; export them without",
             reader->path);
+    if (!status && *reader->color_space)
+        sgsi_color_space_parse(reader->colors_only ? NULL : reader->path, reader->color_space,
+                               &reader->colors);
     return status;
 }
 

@@ -85,6 +85,8 @@ usage "--method lightgaussian requires the operand SCENE" "$model" --method ligh
 usage "--method pup requires the operand SCENE" "$model" --method pup -o "$temporary/x.ply" --ratio 0.5
 usage "--finetune requires the operand SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --finetune 9
 usage "--downscale has no effect without SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --downscale 2
+run 0 prune "$model" "$room" -o "$temporary/near.ply" --method refine --ratio 0.5 --finetune 1 --near 0.1 --downscale 8
+reports "--near has no effect on --finetune, which trains with the near distance of the scene"
 run 0 prune "$model" "$room" --method refine --scores "$temporary/x.csv" --filter none --seed 2
 reports "--seed has no effect without --finetune"
 reports "--filter has no effect on a score that renders no views"

@@ -172,6 +172,12 @@ one_line
 reports "model.spz: "
 reports "has 0 bytes; the header takes 32"
 
+# messages_with_a_path_that_is_not_utf_8
+odd="$temporary/a$(printf '\377').spz"
+cp "$temporary/model.spz" "$odd"
+run 1 info "$odd" --json
+json "$temporary/stdout" '.error.file == null and .error.message == "has 0 bytes"'
+
 # named_pipes_are_refused
 for pipe in model.ply model.spz model cameras.json; do
     mkfifo "$temporary/pipe_$pipe"

@@ -397,7 +397,15 @@ static void glb_fallback_colors_are_linear(void **state)
     temp_folder_remove(&folder);
 }
 
-// Marks of other programs: their words, other primaries, and values that mean nothing.
+// The text between the parent of the splats and their attributes, with the mark of the splats.
+#define USD_MARK "uniform token colorSpace:name = \"lin_rec709_scene\"\n"
+#define USD_SPLATS "    def ParticleField3DGaussianSplat \"Splats\""
+#define USD_HEAD                                                                                   \
+    USD_SPLATS                                                                                     \
+        " (\n        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {\n        " USD_MARK
+
+// Marks of other programs: their words, other primaries, marks of other prims, and values that mean
+// nothing.
 static void foreign_colors_are_read(void **state)
 {
     static const struct {
@@ -425,6 +433,13 @@ static void foreign_colors_are_read(void **state)
         {"a.usda", "colorSpace:name", "colorSpace:none", false, 0, 5.25, NULL},
         {"a.usda", "\"lin_rec709_scene\"", "7", false, 0, 5.25, NULL},
         {"a.usda", "= 5.25", "= \"x\"", true, 1, 0, NULL},
+        {"a.usda", USD_HEAD, USD_MARK USD_SPLATS " {", true, 1, 5.25, NULL}, // inherited
+        {"a.usda", USD_SPLATS, "    uniform token colorSpace:name = \"srgb\"\n" USD_SPLATS, true, 1,
+         5.25, NULL}, // its own is nearer
+        {"a.usda", USD_HEAD, "    def Scope \"A\" {\n" USD_MARK "}\n" USD_SPLATS " {", false, 0,
+         5.25, NULL}, // of a sibling
+        {"a.usda", USD_HEAD, USD_SPLATS " {\n        def Scope \"A\" {\n" USD_MARK "        }\n",
+         false, 0, 5.25, NULL}, // of a child
     };
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model = model_random(5, 1);

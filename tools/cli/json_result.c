@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 
 #include "cli/options.h"
+#include "cli/output.h"
 
 static json_t *result;
 static char error_message[2048];
@@ -65,12 +66,6 @@ static size_t file_length(const char *message)
     return existing ? existing : first;
 }
 
-static json_t *text_or_null(const char *text, size_t length)
-{
-    json_t *value = length ? json_stringn(text, length) : NULL; // NULL if it is not UTF-8
-    return value ? value : json_null();
-}
-
 static json_t *error_json(int status)
 {
     const size_t file = file_length(error_message);
@@ -84,12 +79,13 @@ static json_t *error_json(int status)
                                                : "stopped by a signal";
     json_t *error = json_object();
     json_object_set_new(error, "code", json_string(code));
-    json_object_set_new(error, "file", text_or_null(error_message, file));
+    json_t *path = file ? json_stringn(error_message, file) : NULL; // NULL if it is not UTF-8
+    json_object_set_new(error, "file", path ? path : json_null());
     json_object_set_new(
         error, "message",
-        text_or_null(text, semicolon && *message ? (size_t)(semicolon - message) : strlen(text)));
+        json_message(text, semicolon && *message ? (size_t)(semicolon - message) : strlen(text)));
     json_object_set_new(error, "hint",
-                        semicolon ? text_or_null(semicolon + 2, strlen(semicolon + 2))
+                        semicolon ? json_message(semicolon + 2, strlen(semicolon + 2))
                                   : json_null());
     return error;
 }

@@ -268,6 +268,19 @@ json_t *json_text(const char *text)
     return value ? value : json_null();
 }
 
+json_t *json_message(const char *text, size_t length)
+{
+    json_t *value = json_stringn(text, length);
+    char *copy = value ? NULL : strndup(text, length);
+    for (char *at = copy; at && *at; ++at)
+        if ((unsigned char)*at >= 0x80)
+            *at = '?';
+    if (copy)
+        value = json_string(copy);
+    free(copy);
+    return value ? value : json_null();
+}
+
 json_t *json_number(double value)
 {
     return isfinite(value) ? json_real(value) : json_null();

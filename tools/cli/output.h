@@ -58,6 +58,8 @@ void json_set_path(json_t *object, const char *name, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 // A text, such as a path or the name of an image; null if it is NULL or not UTF-8.
 json_t *json_text(const char *text);
+// The first bytes of a message. If it is not UTF-8, '?' replaces the bytes outside of ASCII.
+json_t *json_message(const char *text, size_t length);
 // A number with up to 9 digits, or null for infinity and NaN.
 json_t *json_number(double value);
 

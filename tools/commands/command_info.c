@@ -75,7 +75,7 @@ static void warnings_into(json_t *root)
 {
     json_t *list = json_array();
     for (size_t k = 0; k < warning_count(); ++k)
-        json_array_append_new(list, json_string(warning_text(k)));
+        json_array_append_new(list, json_message(warning_text(k), strlen(warning_text(k))));
     json_object_set_new(root, "warnings", list);
 }
 

@@ -217,6 +217,9 @@ static void warn_idle_options(const pruning *p)
     if (!p->values->finetune && !needs_views(p->values->method))
         warn_idle(p->line, "filter|compact-box|near|eval|test-every|test-images",
                   "on a score that renders no views");
+    else if (!needs_views(p->values->method))
+        warn_idle(p->line, "near",
+                  "on --finetune, which trains with the near distance of the scene");
 }
 
 // ---- Scores ----

@@ -96,6 +96,18 @@ check its_own_test_views test "$(names)" = 'test/r_0.png '
 run 0 render "$ply" "$temporary/nerf" --split test --aov rgba -o "$temporary/nerf_views"
 check one_view test "$(find "$temporary/nerf_views" -name '*.exr' | wc -l)" = 1
 
+# a_run_on_images_in_other_folders_is_evaluated (its config names no folder, unless --images did)
+nerf_run=$temporary/nerf_run
+run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --eval --random-points 200 --quiet
+json "$nerf_run/config.json" '.options.images == null'
+run 0 eval "$nerf_run" "$temporary/nerf" --json
+check the_held_out_views test "$(names)" = 'test/r_0.png '
+run 0 render "$nerf_run" "$temporary/nerf" --split test --aov rgba -o "$temporary/nerf_run_views"
+run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --eval --random-points 200 --quiet --resume
+jq '.options.images = "images"' "$nerf_run/config.json" >"$temporary/recorded.json" # as recorded before
+cp "$temporary/recorded.json" "$nerf_run/config.json"
+run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --eval --random-points 200 --quiet --resume
+
 # identical_images (their PSNR is infinite: "inf", null, and 100 dB in the mean)
 cp -r "$room" "$temporary/same"
 one=(--downscale 1 --test-images "0001.jpg,0002.jpg")

@@ -399,7 +399,7 @@ static json_t *value_json(const sgs_train_option *row, const train_values *value
 static json_t *shaping_options(const train_values *values, const scene_values *scene)
 {
     json_t *options = json_object();
-    set_text(options, "images", scene->images ? scene->images : "images");
+    set_text(options, "images", scene->images); // null: not given, as the names say
     set_given(options, "downscale", scene->downscale);
     set_given(options, "test_every", scene->test_every);
     set_text(options, "test_images", scene->test_images);
@@ -453,6 +453,14 @@ static bool same_value(const json_t *a, const json_t *b)
     return json_equal(a, b);
 }
 
+// True if the option was not given, or is the default of COLMAP data sets, which earlier versions
+// recorded in its place.
+static bool is_default_folder(const json_t *images)
+{
+    const char *name = json_string_value(images);
+    return json_is_null(images) || (name && !strcmp(name, "images"));
+}
+
 // A value as written on the command line.
 static char *option_text(const json_t *value)
 {
@@ -486,6 +494,8 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
         const sgs_train_option *row = sgs_train_option_find(key);
         if (same_value(value, old) || (old && row && sgs_train_option_may_change(row, options)))
             continue; // the library warns about a change
+        if (!strcmp(key, "images") && is_default_folder(value) && is_default_folder(old))
+            continue;
         char name[32];
         flag_name(key, name);
         char *was = old ? option_text(old) : format_text("not recorded");

@@ -108,6 +108,13 @@ jq '.options.images = "images"' "$nerf_run/config.json" >"$temporary/recorded.js
 cp "$temporary/recorded.json" "$nerf_run/config.json"
 run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --eval --random-points 200 --quiet --resume
 
+# a_random_background_is_evaluated_over_black_in_training_and_later (a white data set, too)
+oiiotool --create 24x16 4 --fill:color=0.8,0.2,0.1,1 12x16 -d uint8 -o "$temporary/nerf/train/r_0.png"
+run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --random-points 200 --opaque --json --overwrite
+in_training=$(jq .train.psnr "$temporary/stdout")
+run 0 eval "$nerf_run" "$temporary/nerf" --json
+json "$temporary/stdout" "(.mean.psnr - $in_training | fabs) < 1e-6"
+
 # identical_images (their PSNR is infinite: "inf", null, and 100 dB in the mean)
 cp -r "$room" "$temporary/same"
 one=(--downscale 1 --test-images "0001.jpg,0002.jpg")

@@ -106,7 +106,8 @@ static bool load_scene(training *run)
         return false;
     run->load_seconds = clock_seconds() - start;
     scene_warn_idle(run->scene, &run->data, run->line);
-    if (run->scene->white_background && !option_given(run->line, "background"))
+    const bool random = run->values.options.background_random; // of --opaque, too
+    if (run->scene->white_background && !option_given(run->line, "background") && !random)
         for (int c = 0; c < 3; ++c)
             run->values.options.background[c] = 1;
     run->data.white_point = run->scene->white_point; // for config.json: the measured value

@@ -139,11 +139,21 @@ static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgs_photo *pho
 }
 
 // The mean over channels of |image - photograph|, both in [0, 1], or >= 0 for an HDR photograph.
-static sgsi_scored_image error_image(const sgsi_train_view *view, const uint8_t *bytes,
-                                     float *error)
+// The image has the exposure of the photograph.
+static sgsi_scored_image error_image(const sgsi_train_views *views, const sgsi_train_view *view,
+                                     const uint8_t *bytes, float *error)
 {
     const sgsi_planes *planes = &view->planes;
     const sgs_photo *target = view->target;
+    sgsi_loss_input drawn = {
+        .width = planes->width,
+        .height = planes->height,
+        .stride = planes->stride,
+        .color = {planes->color[0], planes->color[1], planes->color[2]},
+        .transmittance = planes->transmittance,
+        .background = {view->background[0], view->background[1], view->background[2]}};
+    if (views->exposure)
+        sgsi_exposure_forward(views->exposure, view->index, &drawn);
     sgsi_scored_image image = {.width = planes->width,
                                .height = planes->height,
                                .stride = planes->stride,
@@ -160,11 +170,11 @@ static sgsi_scored_image error_image(const sgsi_train_view *view, const uint8_t 
             const float opaque = alpha ? sgs_photo_value(target, 3 * pixels + from) : 1.0f;
             float sum = 0.0f;
             for (int c = 0; c < 3; ++c) {
-                const float drawn =
-                    planes->color[c][at] + planes->transmittance[at] * view->background[c];
+                const float value =
+                    drawn.color[c][at] + drawn.transmittance[at] * view->background[c];
                 const float photo = opaque * sgs_photo_value(target, (size_t)c * pixels + from) +
                                     (1.0f - opaque) * view->background[c];
-                sum += fabsf(fminf(fmaxf(drawn, 0.0f), target->is_hdr ? INFINITY : 1.0f) - photo);
+                sum += fabsf(fminf(fmaxf(value, 0.0f), target->is_hdr ? INFINITY : 1.0f) - photo);
             }
             error[at] =
                 sgs_mask_is_valid(target->valid_mask, target->width, x, y) ? sum / 3.0f : 0.0f;
@@ -183,7 +193,7 @@ static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipelin
     if (!bytes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
                          target->width, target->height);
-    const sgsi_scored_image image = error_image(view, bytes, scores->error);
+    const sgsi_scored_image image = error_image(views, view, bytes, scores->error);
     const sgs_status status = pipeline->pixel_weights(&image, views->options, scores->weight);
     for (int y = 0; y < image.height && target->valid_mask; ++y)
         for (int x = 0; x < image.width; ++x)

@@ -20,6 +20,7 @@
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "base/threads.h"
+#include "train/trainer_state.h"
 
 enum { WIDTH = 45, HEIGHT = 33, STRIDE = 48, PLANE = STRIDE * HEIGHT };
 
@@ -292,6 +293,68 @@ static void a_resumed_run_has_the_same_maps(void **state)
     temp_folder_remove(&folder);
 }
 
+// Votes of FastGS with photographs and colour maps of this gain; *count: primitives.
+static float *votes_with_gain(sgs_trainer *trainer, sgs_scene *scene, double gain, size_t *count)
+{
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        sgs_photo *photo = &scene->views[v].image;
+        for (size_t i = 0; i < 3 * (size_t)photo->width * (size_t)photo->height; ++i)
+            photo->pixels[i] = (uint8_t)(photo->pixels[i] * gain + 0.5);
+    }
+    size_t numbers;
+    double *states = sgsi_exposure_state(trainer->views.exposure, &numbers);
+    const size_t each = numbers / trainer->views.count;
+    for (size_t i = 0; i < trainer->views.count; ++i)
+        for (size_t k = 0; k < SGSI_EXPOSURE; ++k)
+            states[i * each + k] = k % 5 ? 0 : gain; // the diagonal
+    const sgsi_score_input input = {.pipeline = trainer->pipeline,
+                                    .model = trainer->model,
+                                    .count = trainer->count,
+                                    .whole_count = trainer->count,
+                                    .iteration = trainer->progress.iteration,
+                                    .statistics = &trainer->statistics};
+    sgsi_view_scores scores = {0};
+    assert_int_equal(sgsi_view_scores_compute(&trainer->views, &input, &scores), SGS_STATUS_OK);
+    *count = trainer->count;
+    float *votes = take(*count);
+    memcpy(votes, scores.importance, *count * sizeof *votes);
+    sgsi_view_scores_free(&scores);
+    return votes;
+}
+
+// A pixel counts if its error is large compared with the others of its view: darker photographs
+// with maps of the same gain get the same votes.
+static void votes_compare_with_the_exposure_of_the_photograph(void **state)
+{
+    (void)state;
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 8;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene), SGS_STATUS_OK);
+    sgs_train_options values = sgs_train_options_default();
+    values.iterations = 80;
+    values.exposure = true;
+    values.pipeline = SGS_PIPELINE_FASTGS;
+    sgs_trainer *trainer;
+    assert_int_equal(sgs_trainer_create(scene, &values, &trainer), SGS_STATUS_OK);
+    run(trainer, 15);
+    size_t count;
+    float *const bright = votes_with_gain(trainer, scene, 1, &count), *const dark = votes_with_gain(
+                                                                          trainer, scene, 0.4,
+                                                                          &count);
+    double sum = 0, difference = 0;
+    for (size_t i = 0; i < count; ++i) {
+        sum += (double)bright[i];
+        difference += fabs((double)bright[i] - (double)dark[i]);
+    }
+    print_message("votes %.0f, difference %.0f\n", sum, difference);
+    assert_true(sum > 0 && difference < 0.1 * sum);
+    sgsi_free(bright);
+    sgsi_free(dark);
+    sgs_trainer_destroy(trainer);
+    sgs_scene_destroy(scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -300,6 +363,7 @@ int main(void)
         cmocka_unit_test(bits_do_not_depend_on_threads),
         cmocka_unit_test(changing_exposures_are_learned),
         cmocka_unit_test(a_resumed_run_has_the_same_maps),
+        cmocka_unit_test(votes_compare_with_the_exposure_of_the_photograph),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

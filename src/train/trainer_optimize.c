@@ -92,7 +92,11 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
 bool sgsi_trainer_ends_batch(const sgs_trainer *trainer, int iteration)
 {
     const sgsi_schedule *schedule = &trainer->schedule;
-    return trainer->progress.batch_views + 1 >= trainer->options.batch ||
+    // The last iteration makes no step. A run of the paper's schedule may be extended: its batch
+    // stays open.
+    const bool last = trainer->options.schedule != SGS_SCHEDULE_PAPER &&
+                      iteration + 1 == trainer->options.iterations;
+    return last || trainer->progress.batch_views + 1 >= trainer->options.batch ||
            sgsi_schedule_is_update(schedule, iteration + 1) ||
            sgsi_schedule_is_reset(schedule, iteration) || iteration == schedule->densify_until;
 }

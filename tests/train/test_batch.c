@@ -205,7 +205,8 @@ static void parameters_change_at_the_end_of_a_batch(void **state)
             const sgsi_schedule *schedule = &trainer->schedule;
             const bool structural = sgsi_schedule_is_update(schedule, i);
             const bool last = sgsi_schedule_is_update(schedule, i + 1) ||
-                              sgsi_schedule_is_reset(schedule, i) || i == schedule->densify_until;
+                              sgsi_schedule_is_reset(schedule, i) || i == schedule->densify_until ||
+                              i + 1 == LENGTH;
             views += !structural;
             const bool ends = !structural && (views == 4 || last);
             assert_int_equal(trainer->progress.batch_views, ends ? 0 : views);
@@ -262,12 +263,34 @@ static void resuming_inside_of_a_batch_gives_the_same_bits(void **state)
     }
 }
 
+// Also a run that is shorter than its batch. The batch of a run that can be extended stays open.
+static void the_last_batch_of_a_run_makes_a_step(void **state)
+{
+    (void)state;
+    static const sgs_schedule schedules[] = {SGS_SCHEDULE_SCALED, SGS_SCHEDULE_PAPER};
+    for (int k = 0; k < 2; ++k) {
+        sgs_train_options options = sgs_train_options_default();
+        options.iterations = 6;
+        options.batch = 16;
+        options.schedule = schedules[k];
+        char hash[2][17];
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), hash[0]);
+        trainer_run(trainer, 6);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), hash[1]);
+        assert_int_equal(strcmp(hash[0], hash[1]) != 0, schedules[k] != SGS_SCHEDULE_PAPER);
+        assert_int_equal(trainer->progress.batch_views, k ? 5 : 0);
+        sgs_trainer_destroy(trainer);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_step_is_adam_on_the_mean_gradient),
         cmocka_unit_test(parameters_change_at_the_end_of_a_batch),
         cmocka_unit_test(resuming_inside_of_a_batch_gives_the_same_bits),
+        cmocka_unit_test(the_last_batch_of_a_run_makes_a_step),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -115,6 +115,18 @@ in_training=$(jq .train.psnr "$temporary/stdout")
 run 0 eval "$nerf_run" "$temporary/nerf" --json
 json "$temporary/stdout" "(.mean.psnr - $in_training | fabs) < 1e-6"
 
+# the_colour_maps_are_saved_with_each_model (a killed run is evaluated with them)
+"$program" train "${data[@]}" -o "$temporary/killed" --exposure --save-at 5 --iterations 100000 2>"$temporary/stderr" &
+killed=$!
+for ((wait = 0; wait < 300; ++wait)); do
+    if [ -s "$temporary/killed/exposure.json" ]; then break; fi
+    sleep 0.1
+done
+kill -9 "$killed"
+wait "$killed" 2>/dev/null || true
+check maps_of_the_saved_model test -s "$temporary/killed/exposure.json"
+json "$temporary/killed/exposure.json" 'length == 35'
+
 # identical_images (their PSNR is infinite: "inf", null, and 100 dB in the mean)
 cp -r "$room" "$temporary/same"
 one=(--downscale 1 --test-images "0001.jpg,0002.jpg")

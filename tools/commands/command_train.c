@@ -12,7 +12,6 @@
 #include "cli/commands.h"
 #include "run/block_plan.h"
 #include "run/evaluate_saved.h"
-#include "run/exposure_file.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
 #include "cli/json_result.h"
@@ -291,7 +290,7 @@ static void save_checkpoint(training *run, int iteration, bool due)
 static void save_due(training *run, int iteration)
 {
     if (is_save_point(run, iteration) &&
-        !run_folder_share_trained(&run->folder, run->trainer, iteration))
+        !run_folder_share_trained(&run->folder, run->scene, run->trainer, iteration))
         print_warning("the model of iteration %d was not saved; training continues", iteration);
     save_checkpoint(run, iteration,
                     run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0);
@@ -344,7 +343,7 @@ static bool give_up(training *run, const sgs_step_info *info, bool whole)
         record_update(run, info);
     const bool saved = whole && run_folder_share_checkpoint(&run->folder, run->trainer);
     if (whole)
-        run_folder_share_trained(&run->folder, run->trainer, iteration);
+        run_folder_share_trained(&run->folder, run->scene, run->trainer, iteration);
     if (saved)
         fail_run("%s; saved a checkpoint at iteration %d: fix this, then rerun with --resume",
                  reason, iteration);
@@ -496,14 +495,9 @@ static bool save_results(training *run)
     }
     if (!run->iterations)
         return true;
-    bool saved = run_folder_share_trained(&run->folder, run->trainer, run->iterations);
+    bool saved = run_folder_share_trained(&run->folder, run->scene, run->trainer, run->iterations);
     if (run->values.region)
         run->region_count = sgs_trainer_trained(run->trainer);
-    if (group_leads()) {
-        char *exposure = format_text("%s/exposure.json", run->values.output);
-        saved = exposure_write(exposure, run->scene, run->trainer) && saved;
-        free(exposure);
-    }
     if (stopped_early(run) || run->values.checkpoint_every)
         run->checkpoint_lost = !run_folder_share_checkpoint(&run->folder, run->trainer);
     return saved;

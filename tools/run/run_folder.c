@@ -24,6 +24,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "run/exposure_file.h"
 #include "sparegs/model_file.h"
 #include "sparegs/runtime.h"
 
@@ -494,7 +495,8 @@ static bool saved_too(bool before, sgs_status status)
     return before && !status;
 }
 
-bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration)
+bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
+                              sgs_trainer *trainer, int iteration)
 {
     char *path = model_file(folder, iteration);
     char *filtered = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
@@ -503,6 +505,9 @@ bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, in
     saved = saved_too(saved, sgs_trainer_write_ply(trainer, path));
     if (sgs_trainer_filter_3d(trainer))
         saved = saved_too(saved, sgs_trainer_write_ply_filter_3d(trainer, filtered));
+    char *exposure = format_text("%s/exposure.json", folder->path);
+    saved = (!group_leads() || exposure_write(exposure, scene, trainer)) && saved;
+    free(exposure);
     free(filtered);
     free(path);
     return saved;

@@ -63,8 +63,10 @@ bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model,
 // be open. Other ranks call sgs_trainer_save_checkpoint.
 bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
 // These two on all ranks; only rank 0 writes. The first saves the model of a trainer in parts;
-// Mip-Splatting's 3D filter is fused into it and also saved separately.
-bool run_folder_share_trained(const run_folder *folder, sgs_trainer *trainer, int iteration);
+// Mip-Splatting's 3D filter is fused into it and also saved separately; the colour maps of
+// --exposure are those of the saved model.
+bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
+                              sgs_trainer *trainer, int iteration);
 bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer);
 bool run_folder_has_checkpoint(const run_folder *folder);
 // Primitives in the newest checkpoint; 0 when there is none or it cannot be read.

@@ -167,6 +167,20 @@ static void long_and_deep_messages_are_not_parsed(void **state)
                         "the message is nested too deeply");
     assert_string_equal(view_message_parse(text, size + 1, &views, &message),
                         "the message is too long");
+    // Brackets within strings hide none: { "a":"]]..", "b":[[.. } and an escaped quote.
+    for (int escaped = 0; escaped < 2; ++escaped) {
+        snprintf(text, size, "{\"%s", escaped ? "\\\"" : "");
+        const size_t begin = strlen(text);
+        memset(text + begin, ']', 3000);
+        snprintf(text + begin + 3000, size - begin - 3000, "\":");
+        const size_t end = strlen(text);
+        memset(text + end, '[', 1500);
+        memset(text + end + 1500, ']', 1500);
+        text[end + 3000] = '}';
+        assert_string_equal(view_message_parse(text, end + 3001, &views, &message),
+                            "the message is nested too deeply");
+    }
+    assert_string_equal(parse("{\"type\":\"[[[[[[[[[[\"}", &message), "type is unknown");
     free(text);
 }
 

@@ -252,13 +252,20 @@ static const char *read_members(const json_t *root, const camera_list *views, vi
 }
 
 // True if brackets nest deeper than any message. The parser is recursive, and threads of the server
-// have small stacks. Brackets within strings count too.
+// have small stacks. Brackets within strings do not count: they would hide others. The parser ends
+// at a bracket that closes none.
 static bool is_deep(const char *text, size_t size)
 {
     enum { DEPTH = 8 };
     int depth = 0;
+    bool quoted = false;
     for (size_t i = 0; i < size; ++i) {
-        depth += (text[i] == '[' || text[i] == '{') - (text[i] == ']' || text[i] == '}');
+        if (quoted && text[i] == '\\')
+            ++i;
+        else if (text[i] == '"')
+            quoted = !quoted;
+        else if (!quoted)
+            depth += (text[i] == '[' || text[i] == '{') - (text[i] == ']' || text[i] == '}');
         if (depth > DEPTH)
             return true;
     }

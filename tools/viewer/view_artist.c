@@ -117,6 +117,7 @@ static bool find_task(view_artist *artist, artist_task *task)
                               .scale = scale};
         if (has_job) {
             task->job = client->jobs[0];
+            task->request = task->job.request;
             memmove(client->jobs, client->jobs + 1,
                     (size_t)--client->job_count * sizeof *client->jobs);
         } else {

@@ -192,6 +192,21 @@ int view_hub_count(view_hub *hub)
 
 // ---- Incoming ----
 
+// A job refers to the camera at this time: the page may move on before it is done. A newer pixel
+// replaces an older one that waits.
+static void add_job(view_client *client, const view_message *message)
+{
+    int at = 0;
+    while (at < client->job_count &&
+           (message->type != MESSAGE_PROBE || client->jobs[at].type != MESSAGE_PROBE))
+        ++at;
+    if (at == HUB_JOBS)
+        return;
+    client->jobs[at] = *message;
+    client->jobs[at].request = client->request;
+    client->job_count += at == client->job_count;
+}
+
 static void accept_message(view_client *client, const view_message *message)
 {
     view_hub *hub = client->hub;
@@ -208,14 +223,8 @@ static void accept_message(view_client *client, const view_message *message)
         if (client->frame - message->number < client->frame - client->seen)
             client->seen = message->number;
         break;
-    default: // a newer pixel replaces an older one that waits
-        for (int i = 0; i < client->job_count; ++i)
-            if (client->jobs[i].type == message->type && message->type == MESSAGE_PROBE) {
-                client->jobs[i] = *message;
-                return;
-            }
-        if (client->job_count < HUB_JOBS)
-            client->jobs[client->job_count++] = *message;
+    default:
+        add_job(client, message);
     }
     pthread_cond_signal(&hub->work);
 }

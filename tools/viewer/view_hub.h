@@ -40,7 +40,7 @@ typedef struct view_client {
     view_request request;
     bool has_request;
     uint32_t changes;            // counts the requests
-    view_message jobs[HUB_JOBS]; // other messages, oldest first
+    view_message jobs[HUB_JOBS]; // other messages, oldest first, with the request before them
     int job_count;
     uint32_t frame, seen; // number of the last picture sent, and displayed
 

@@ -65,7 +65,7 @@ bool view_request_same(const view_request *a, const view_request *b);
 
 typedef struct view_message {
     view_message_type type;
-    view_request request; // of MESSAGE_CAMERA
+    view_request request; // of MESSAGE_CAMERA; of others, set by the hub
     int x, y;
     uint32_t number;
     run_action action;

@@ -1,0 +1,80 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Messages of a page, in the order in which they arrive.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "viewer/view_hub.h"
+
+static named_camera cameras[1] = {{.name = (char *)"a.png",
+                                   .camera = {SGS_CAMERA_PINHOLE, 64, 48, {50, 50, 32, 24}},
+                                   .pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}}}};
+static const camera_list views = {.cameras = cameras, .count = 1};
+
+static json_t *greeting(void *context)
+{
+    (void)context;
+    return json_pack("{s:s}", "type", "hello");
+}
+
+static bool swallow(void *connection, bool binary, const void *bytes, size_t size)
+{
+    (void)connection;
+    (void)binary;
+    (void)bytes;
+    (void)size;
+    return true;
+}
+
+static void receive(view_client *client, const char *text)
+{
+    assert_true(view_hub_receive(client, text, strlen(text)));
+}
+
+// What a page asks for is answered for the camera that it showed then, however long it waits.
+static void a_job_keeps_the_camera_before_it(void **state)
+{
+    (void)state;
+    view_hub hub;
+    view_hub_open(&hub, &views);
+    hub.greet = greeting;
+    view_client *client = view_hub_join(&hub, swallow, NULL);
+    assert_non_null(client);
+    receive(client, "{\"type\":\"exr\"}");
+    receive(client, "{\"type\":\"camera\",\"serial\":1,\"width\":64,\"height\":48,\"view\":0}");
+    receive(client, "{\"type\":\"ray\",\"x\":1,\"y\":2}");
+    receive(client, "{\"type\":\"probe\",\"x\":1,\"y\":2}");
+    receive(client, "{\"type\":\"camera\",\"serial\":2,\"width\":32,\"height\":24,\"view\":0}");
+    receive(client, "{\"type\":\"exr\"}");
+    assert_int_equal(client->job_count, 4);
+    assert_int_equal(client->jobs[0].request.camera.width, 0); // no camera yet
+    assert_int_equal(client->jobs[1].type, MESSAGE_RAY);
+    assert_int_equal(client->jobs[1].request.serial, 1);
+    assert_int_equal(client->jobs[1].request.camera.width, 64);
+    assert_int_equal(client->jobs[2].request.serial, 1);
+    assert_int_equal(client->jobs[3].request.serial, 2);
+    // A newer pixel takes the place of one that waits, with its own camera.
+    receive(client, "{\"type\":\"probe\",\"x\":3,\"y\":4}");
+    assert_int_equal(client->job_count, 4);
+    assert_int_equal(client->jobs[2].x, 3);
+    assert_int_equal(client->jobs[2].request.serial, 2);
+    for (int k = 0; k < 2 * HUB_JOBS; ++k)
+        receive(client, "{\"type\":\"history\"}");
+    assert_int_equal(client->job_count, HUB_JOBS);
+    view_hub_stop(&hub);
+    view_hub_leave(client);
+    view_hub_close(&hub);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_job_keeps_the_camera_before_it)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -131,6 +131,8 @@ def progressive(url):
     expect("a_panorama_is_drawn", head["width"] == 64, head)  # smaller ones fail: too few pixels for the lens
     head = page.final(width=64, height=48, view=0, crop={"preview": "hide", "box": [1e9, None, None, 2e9, None, None]})[0]
     expect("an_empty_crop_is_drawn", head["removed"] == head["gaussians"], head)
+    empty = page.ask("probe", x=30, y=20)
+    expect("the_values_of_a_pixel_are_those_of_the_crop", empty["depth"] == 0 and empty["hits"] == 0 and empty["primitive"] is not None, empty)
     page.socket.close()
     page = Page(url)
     page.wait("hello")
@@ -175,7 +177,7 @@ def hostile(url):
         except (Closed, OSError):
             return None
 
-    texts = ["", "{", "[" * 60000, '{"type":"camera"}', "\x00", '{"type":"probe","x":1e308,"y":-1}', "x" * 70000,
+    texts = ["", "{", "[" * 60000, '{"a":"' + "]" * 3000 + '","b":' + "[" * 2000 + "]" * 2000 + "}", '{"type":"camera"}', "\x00", '{"type":"probe","x":1e308,"y":-1}', "x" * 70000,
              '{"type":"run","action":"stop"}', '{"type":"exr"}', '{"type":"ray","x":0,"y":0}', '{"type":"region","number":7}']
     for text in texts:
         page = connected()

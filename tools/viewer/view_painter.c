@@ -119,12 +119,13 @@ static bool draw_samples(view_painter *painter, sgs_renderer *renderer, const sg
     return done;
 }
 
+enum { AOV_OF_ROWS = AOV_PRIMITIVE | AOV_REGION | AOV_SLACK }; // refer to rows of the model
+
 // The renderer of the model, or of its copy that shows a crop. NULL on failure. Quantities that
 // refer to rows of the model are not cropped.
-static sgs_renderer *renderer_for(view_painter *painter, const view_request *request)
+static sgs_renderer *renderer_for(view_painter *painter, const view_request *request, int aov)
 {
-    const unsigned of_rows = AOV_PRIMITIVE | AOV_REGION | AOV_SLACK;
-    if (request->crop.preview == CROP_OFF || 1U << request->aov & of_rows)
+    if (request->crop.preview == CROP_OFF || 1U << aov & AOV_OF_ROWS)
         return painter->source->renderer;
     return crop_preview_prepare(&painter->preview, &request->crop, painter->source)
                ? painter->preview.renderer
@@ -142,7 +143,7 @@ bool view_painter_draw(view_painter *painter, const view_request *request, int w
     options.progress = progress;
     options.progress_user = user;
     *picture = (painted_picture){0};
-    sgs_renderer *renderer = renderer_for(painter, request);
+    sgs_renderer *renderer = renderer_for(painter, request, request->aov);
     if (!renderer)
         return false;
     if (renderer == painter->preview.renderer)
@@ -202,6 +203,16 @@ static json_t *value_json(int k, const sgs_frame *frame, const region_map *regio
     return numbers_json(values, source->channels);
 }
 
+// All quantities of a camera of one pixel, as the picture of quantity `aov` shows them.
+static bool render_pixel(view_painter *painter, const view_request *request,
+                         const sgs_camera *pixel, int aov, sgs_frame *frame)
+{
+    const sgs_render_options options = drawing_render_options(&painter->source->drawing);
+    sgs_renderer *renderer = renderer_for(painter, request, aov);
+    return renderer && !sgs_frame_create_with(1, 1, SGS_AOVS_ALL, frame) &&
+           !sgs_renderer_render(renderer, pixel, &request->pose, &options, frame);
+}
+
 json_t *view_painter_probe(view_painter *painter, const view_request *request, int x, int y)
 {
     view_source *source = painter->source;
@@ -209,17 +220,16 @@ json_t *view_painter_probe(view_painter *painter, const view_request *request, i
         return NULL;
     sgs_camera pixel = sgs_camera_shifted(&request->camera, -x, -y);
     pixel.width = pixel.height = 1;
-    const sgs_render_options options = drawing_render_options(&source->drawing);
     const region_map *regions = view_source_regions(source);
-    sgs_frame frame = {0};
-    json_t *object = NULL;
-    if (!sgs_frame_create_with(1, 1, SGS_AOVS_ALL, &frame) &&
-        !sgs_renderer_render(source->renderer, &pixel, &request->pose, &options, &frame)) {
-        object = json_pack("{s:s,s:i,s:i}", "type", "probe", "x", x, "y", y);
-        for (int k = 0; k < AOV_ROWS; ++k)
-            json_object_set_new(object, aov_words[k], value_json(k, &frame, regions));
-    }
+    sgs_frame frame = {0}, cropped = {0};
+    const bool done = render_pixel(painter, request, &pixel, AOV_INDEX_PRIMITIVE, &frame) &&
+                      render_pixel(painter, request, &pixel, AOV_INDEX_RGBA, &cropped);
+    json_t *object = done ? json_pack("{s:s,s:i,s:i}", "type", "probe", "x", x, "y", y) : NULL;
+    for (int k = 0; k < AOV_ROWS && done; ++k)
+        json_object_set_new(object, aov_words[k],
+                            value_json(k, 1U << k & AOV_OF_ROWS ? &frame : &cropped, regions));
     sgs_frame_free(&frame);
+    sgs_frame_free(&cropped);
     return object;
 }
 

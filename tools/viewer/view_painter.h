@@ -29,8 +29,8 @@ typedef struct painted_picture {
 bool view_painter_draw(view_painter *painter, const view_request *request, int width, int height,
                        int samples, sgs_progress_fn progress, void *user, painted_picture *picture);
 
-// The quantities at pixel (x, y) of the request: {"x", "y", "color", "depth", ..., "position"}.
-// NULL on failure.
+// The quantities at pixel (x, y) of the request, as its pictures show them, with its crop: {"x",
+// "y", "color", "depth", ..., "position"}. NULL on failure.
 json_t *view_painter_probe(view_painter *painter, const view_request *request, int x, int y);
 
 // Writes all quantities of the request as FOLDER/view_N.exr for the first free N; *path receives

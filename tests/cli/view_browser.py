@@ -251,8 +251,18 @@ def quantities(page):
     page.mouse("mouseMoved", 250, 330)
     expect("the_value_under_the_cursor", page.wait("byId('value').textContent.includes('depth: ')") is not None)
     page.screenshot(os.path.join(folder, "depth.png"))
+    page.set("log", True)
+    page.set("rangeLow", 0)
+    page.set("rangeHigh", 5)
+    expect("a_logarithmic_range_from_0_is_refused", page.wait("viewer.errors.length > 0") is not None)
     page.set("aov", "rgba")
+    expect("which_does_not_matter_to_colours", page.rest() is not None and page.run("viewer.frame.aov") == "rgba")
+    page.run("viewer.errors.length = 0")
+    for name, value in (("log", False), ("rangeLow", ""), ("rangeHigh", "")):
+        page.set(name, value)
     page.rest()
+    expect("integers_are_shown_in_full", page.run("[number(1234567, 6), number(15625), number(12345678.5), number(0.1234567)]")
+           == ["1234567", "15625", "1.23e+7", "0.1235"])
     page.changes("samples", lambda: page.set("samples", 4), lambda: page.set("samples", 1))
     page.set("size", "1280x720")
     page.rest()
@@ -374,6 +384,14 @@ def files(page):
     page.run("byId('keys').querySelectorAll('button')[1].click()")
     expect("a_key_frame_is_removed", page.run("byId('keys').children.length") == 2)
     page.moves("a_key_frame_is_shown", lambda: page.run("byId('keys').querySelector('button').click()"))
+    page.set("pathSeconds", "")
+    page.press("play")
+    time.sleep(0.3)
+    expect("an_empty_duration_is_the_initial_one", page.run("playing > 0 && camera.position.every(Number.isFinite)"))
+    page.run("byId('keys').querySelectorAll('button')[1].click()")
+    time.sleep(0.3)
+    expect("playing_ends_without_two_key_frames", page.run("!playing && byId('play').textContent === 'Play'") and not page.messages,
+           page.messages)
 
 
 def crop(page):
@@ -425,6 +443,11 @@ def crop(page):
     with open(saved["path"], "rb") as one, open(out, "rb") as other:
         expect("the_file_is_that_of_the_command", one.read() == other.read())
     os.remove(saved["path"])
+    tell = "((hello) => { listeners.hello.forEach((call) => call(hello)); return JSON.stringify(request.message); })"
+    page.run(f"viewer.stored = viewer.hello; {tell}({{...viewer.stored, training: true}})")
+    expect("a_training_at_the_same_address_is_not_cropped", page.run("byId('cropBox').hidden && cropValues().preview === 'off'"))
+    page.run(f"{tell}(viewer.stored)")
+    page.rest()
     page.set("cropPreview", "off")
 
 

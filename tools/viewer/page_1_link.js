@@ -29,8 +29,10 @@ function element(name, text, parent) {
   return made;
 }
 
+// A number with `digits` digits; all digits of integers, such as rows, iterations and counts.
 function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  if (Number.isSafeInteger(value)) return String(value);
   const size = Math.abs(value);
   if (size !== 0 && (size >= 1e7 || size < 1e-3)) return value.toExponential(2);
   return String(Number(value.toPrecision(digits)));

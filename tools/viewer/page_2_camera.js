@@ -185,9 +185,12 @@ function pictureSize() {
 function cameraMessage(moving) {
   [request.width, request.height] = pictureSize();
   const message = {type: 'camera', serial: ++viewer.serial, width: request.width, height: request.height, moving,
-    aov: byId('aov').value || 'rgba', log: byId('log').checked, samples: Number(byId('samples').value)};
+    aov: byId('aov').value || 'rgba', samples: Number(byId('samples').value)};
   const low = byId('rangeLow').value, high = byId('rangeHigh').value;
-  if (low !== '' && high !== '' && Number(high) > Number(low)) message.range = [Number(low), Number(high)];
+  if (rampOf(message.aov)) { // what the fields hold is no matter of other quantities
+    message.log = byId('log').checked;
+    if (low !== '' && high !== '' && Number(high) > Number(low)) message.range = [Number(low), Number(high)];
+  }
   if (camera.view >= 0) {
     message.view = camera.view;
   } else {

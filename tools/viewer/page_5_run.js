@@ -80,7 +80,7 @@ function flatten(value, prefix, out) {
 
 function startRun(hello) {
   byId('runBox').hidden = !hello.run;
-  byId('runButtons').hidden = !hello.training;
+  byId('runButtons').hidden = byId('runProgress').hidden = !hello.training;
   if (!hello.run) return;
   const body = byId('options').tBodies[0];
   body.replaceChildren();

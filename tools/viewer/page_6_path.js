@@ -43,8 +43,14 @@ function pathAt(t) {
   return {matrix: matrixOf(slerp(a.rotation, b.rotation, u), position), fov: a.fov + u * (b.fov - a.fov)};
 }
 
+// The number of a field; its initial one if it is empty or not positive.
+function positive(id) {
+  const value = Number(byId(id).value);
+  return value > 0 ? value : Number(byId(id).defaultValue);
+}
+
 function pathFile() {
-  const fps = Number(byId('pathFps').value), seconds = Number(byId('pathSeconds').value);
+  const fps = positive('pathFps'), seconds = positive('pathSeconds');
   const count = Math.max(2, Math.round(fps * seconds)), aspect = request.width / request.height;
   const frames = [];
   for (let i = 0; i < count; ++i) {
@@ -69,6 +75,7 @@ function listKeys() {
     remove.onclick = () => { keys.splice(index, 1); listKeys(); };
   });
   byId('play').disabled = byId('pathSave').disabled = keys.length < 2;
+  if (keys.length < 2) stopPlaying();
 }
 
 byId('keyAdd').onclick = () => {
@@ -80,7 +87,7 @@ byId('keyAdd').onclick = () => {
 let playing = 0;
 function playStep(time) {
   if (!playing) return;
-  const t = (time - playing) / 1000 / Number(byId('pathSeconds').value), at = pathAt(Math.min(Math.max(t, 0), 1));
+  const t = (time - playing) / 1000 / positive('pathSeconds'), at = pathAt(Math.min(Math.max(t, 0), 1));
   setMatrix(at.matrix);
   camera.fov = at.fov;
   camera.lens = -1;

@@ -74,6 +74,7 @@ function resetCrop() {
 
 function startCrop(hello) {
   byId('cropBox').hidden = hello.training;
+  if (hello.training) resetCrop(); // the page of a stored model stays open
   byId('cropRegions').hidden = !hello.aovs.some((aov) => aov.name === 'slack');
   if (byId('box_x').value === '') {
     const digits = (value) => Number(value.toPrecision(4));

@@ -257,7 +257,7 @@ function frame(means) {
   for (let i = 0; i < count; i += step) for (let k = 0; k < 3; ++k) part[k].push(means[3 * i + k]);
   const sorted = part.map((p) => Float32Array.from(p));
   target = sorted.map((p) => quantile(p, 0.5));
-  extent = Math.max(...sorted.map((p) => quantile(p, 0.9) - quantile(p, 0.1)), 1e-6);
+  extent = Math.max(...sorted.map((p) => quantile(p, 0.9) - quantile(p, 0.1))) || 1; // 1: as model_measure
   if (views.length) {
     up = unit(views.reduce((sum, v) => add(sum, v.axes[1], -1), [0, 0, 0]));
     const middle = views.reduce((sum, v) => add(sum, v.eye, 1 / views.length), [0, 0, 0]);

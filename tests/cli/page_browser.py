@@ -186,9 +186,32 @@ def controls(path):
     page.close()
 
 
+def lonely():
+    """A model of one primitive is seen from outside, and can be moved around."""
+    model = os.path.join(folder, "one.ply")
+    source = next(os.path.join(at, n) for at, _, names in os.walk(run_folder) for n in names if n == "point_cloud.ply")
+    with open(source, "rb") as file:
+        data = file.read()
+    end = data.index(b"end_header\n") + 11
+    count = int(data[:end].split(b"element vertex ")[1].split()[0])
+    with open(model, "wb") as file:
+        file.write(data[:end].replace(b"element vertex %d" % count, b"element vertex 1") + data[end:end + (len(data) - end) // count])
+    path = os.path.join(folder, "one.html")
+    subprocess.run([program, "view", model, "--export", path, "--quiet"], check=True, stdout=subprocess.DEVNULL)
+    page = Browser(find_browser(), 400, 260)
+    page.open("file://" + os.path.abspath(path))
+    expect("one_primitive_is_drawn", page.wait("window.page && page.settled()") is not None and not page.messages, page.messages)
+    eye, centre = page.run("page.camera.eye"), [read_ply(model)[0][k] for k in "xyz"]
+    expect("it_is_seen_from_a_distance_of_1.5", abs(math.dist(eye, centre) - 1.5) < 0.01, math.dist(eye, centre))
+    page.key("w")
+    expect("keys_move_the_camera", math.dist(page.run("page.camera.eye"), eye) > 0.01)
+    page.close()
+
+
 def main():
     path = compare("page")
     controls(path)
+    lonely()
     compare("mip", "--filter", "mip")
     compare("linear", "--train-space", "linear")
     sys.exit(1 if expect.failed else 0)

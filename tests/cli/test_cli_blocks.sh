@@ -27,6 +27,13 @@ run 2 split "$room"
 reports "split requires an output folder, -o DIR"
 run 1 split "$room" -o "$temporary/x" --blocks 256
 check nothing_was_written test ! -e "$temporary/x"
+# A name that JSON cannot contain would be missing in the views of the blocks.
+cp -r "$room" "$temporary/latin"
+mv "$temporary/latin/images/0004.jpg" "$temporary/latin/images/"$'\xe9''004.jpg'
+LC_ALL=C sed -i 's/0004\.jpg/\xe9004.jpg/' "$temporary/latin/sparse/0/images.bin"
+run 1 split "$temporary/latin" -o "$temporary/x"
+reports "is not UTF-8, and a plan of blocks cannot contain it; rename the file"
+check nothing_was_written test ! -e "$temporary/x"
 
 # merge_refuses_a_missing_block
 run 1 merge "$dir" -o "$temporary/merged"

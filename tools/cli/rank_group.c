@@ -35,6 +35,14 @@ void group_silence(void)
     messages_set_quiet(true);
 }
 
+void group_let_lead_speak(int status)
+{
+    enum { SECONDS = 3 }; // the launcher ends this process when rank 0 has ended
+    int rank;
+    if (status != EXIT_DONE && sgs_ranks_launched(&rank) > 1 && rank)
+        sleep(SECONDS);
+}
+
 void group_check_binding(void)
 {
     const long machine = sysconf(_SC_NPROCESSORS_ONLN);

@@ -146,6 +146,22 @@ last_command="kill -USR2 of mpirun"
 json "$temporary/usr2/summary.json" '.stop_reason == "signal"'
 check checkpoint_saved test -f "$temporary/usr2/checkpoint/state.bin"
 
+# A page pauses two ranks: it shows the model of the iteration at which they stand.
+timeout 300 "${launcher[@]}" -n 2 "$program" train "$room" --downscale 8 --iterations 100000 --threads 1 --quiet --view 0 \
+    -o "$temporary/viewed" >"$temporary/stdout" 2>"$temporary/stderr" &
+job=$!
+for ((i = 0; i < 600; ++i)); do
+    ! grep -qs http "$temporary/stdout" || break
+    sleep 0.1
+done
+status=0
+python3 "$SPAREGS_SOURCE/tests/cli/view_client.py" "$(head -1 "$temporary/stdout")" paused >"$temporary/page" || status=$?
+wait "$job" || true
+last_command="a page that pauses two ranks"
+grep '^FAIL' "$temporary/page" || true
+check the_paused_model_is_shown test "$status" = 0
+json "$temporary/viewed/summary.json" '.stop_reason == "signal" and .ranks == 2'
+
 # A full disk on rank 0, here a limit on the size of files: later checkpoints are too large. The others continue, only rank 0
 # reports it, and the run continues from the checkpoint before.
 check the_model_grows test -s "$temporary/whole/checkpoint/state.bin"

@@ -507,6 +507,24 @@ def control(url, folder):
         pass
 
 
+def paused(url):
+    """A pause shows the iteration at which the training stands. Stops the training."""
+    page = Page(url)
+    page.wait("hello")
+    for _ in range(3):
+        page.wait("progress", lambda message: message["iteration"] > 5 and not message["paused"])
+        page.socket.send({"type": "run", "action": "pause"})
+        page.wait("progress", lambda message: message["paused"])
+        time.sleep(1)
+        head = page.final(width=120, height=66, view=0)[0]
+        page.socket.send({"type": "run", "action": "pause"})
+        still = page.wait("progress")
+        expect("a_pause_shows_the_last_iteration", head["iteration"] == still["iteration"], (head, still))
+        page.socket.send({"type": "run", "action": "continue"})
+        page.wait("progress", lambda message: message["iteration"] > still["iteration"])
+    run_action(url, "stop")
+
+
 def run_action(url, action, leave=""):
     """Sends an action to a training and stays until the connection ends, or with `leave` until it is announced."""
     page = Page(url)
@@ -534,7 +552,7 @@ def main():
     url, command = sys.argv[1:3]
     {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm,
      "never_reads": never_reads, "stalled": stalled, "idle": idle, "frames": frames, "move": move,
-     "control": control, "action": run_action, "status": status}[command](url, *sys.argv[3:])
+     "control": control, "paused": paused, "action": run_action, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 
 

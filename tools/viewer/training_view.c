@@ -199,12 +199,15 @@ bool training_view_wants(training_view *view)
 }
 
 // With several ranks the model is whole only where training_view_wants asked for it.
+static bool is_whole(const sgs_trainer *trainer)
+{
+    return sgs_trainer_model(trainer)->count == sgs_trainer_count(trainer);
+}
+
 static bool offer(training_view *view, const sgs_trainer *trainer, int iteration)
 {
-    const sgs_gaussians *model = sgs_trainer_model(trainer);
-    return model->count == sgs_trainer_count(trainer) &&
-           view_source_offer(&view->session.source, model, sgs_trainer_filter_3d(trainer),
-                             iteration);
+    return is_whole(trainer) && view_source_offer(&view->session.source, sgs_trainer_model(trainer),
+                                                  sgs_trainer_filter_3d(trainer), iteration);
 }
 
 void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer)
@@ -256,7 +259,7 @@ static void show_pause(training_view *view)
 
 bool training_view_holds(training_view *view, const sgs_trainer *trainer)
 {
-    if (!view || !atomic_load(&view->paused)) {
+    if (!view || !atomic_load(&view->paused) || !is_whole(trainer)) {
         if (view)
             view->watch = (pause_watch){0};
         return false;

@@ -31,8 +31,9 @@ bool training_view_wants(training_view *view);
 // After an iteration. With several ranks, after sgs_trainer_collect if the viewer wants the model.
 void training_view_step(training_view *view, const sgs_step_info *info, const sgs_trainer *trainer);
 // True while a page has paused the training; returns after a fraction of a second. Call until
-// false. A pause ends PAUSE_SECONDS_ALONE after the last page has gone, so that a batch job does
-// not idle until its time limit.
+// false. With several ranks a pause begins when the model that training_view_wants asks for has
+// been collected, since the others wait then. A pause ends PAUSE_SECONDS_ALONE after the last page
+// has gone, so that a batch job does not idle until its time limit.
 bool training_view_holds(training_view *view, const sgs_trainer *trainer);
 // The training has ended; pages can be used until training_view_close.
 void training_view_finish(training_view *view, const sgs_trainer *trainer);

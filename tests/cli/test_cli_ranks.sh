@@ -261,6 +261,11 @@ program=$temporary/bin/sparegs
 ranks 1 2 train "${common[@]}" -o "$temporary/refused"
 reports "the MPI plug-in ranks-"
 one_voice
+program=$temporary/some
+printf '#!/bin/bash\nif %s; then exec "%s" "$@"; fi\nexec "%s" "$@"\n' "$on_rank_1" "$temporary/bin/sparegs" "$real" >"$program"
+chmod +x "$program"
+ranks 1 2 train "${common[@]}" -o "$temporary/refused"
+check rank_1_alone_has_none grep -qE '^sparegs: rank 1 \(.*\): .*the MPI plug-in ranks-' "$temporary/stderr"
 program=$real
 # The launcher ends the job with the first rank that fails; the message of rank 0 must not be lost.
 for _ in 1 2 3 4 5; do

@@ -17,8 +17,9 @@
 #include "sparegs/runtime.h"
 
 static sgs_ranks *ranks;
-static bool told;      // the failure of a call is printed
-static bool cancelled; // a rank was stopped while it loaded the scene
+static bool told;         // the failure of a call is printed
+static int silenced = -1; // standard error of a rank other than 0
+static bool cancelled;    // a rank was stopped while it loaded the scene
 
 void group_silence(void)
 {
@@ -29,6 +30,7 @@ void group_silence(void)
     if (nothing < 0)
         return;
     fflush(stdout);
+    silenced = fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
     dup2(nothing, STDOUT_FILENO);
     dup2(nothing, STDERR_FILENO);
     close(nothing);
@@ -39,8 +41,13 @@ void group_let_lead_speak(int status)
 {
     enum { SECONDS = 3 }; // the launcher ends this process when rank 0 has ended
     int rank;
-    if (status != EXIT_DONE && sgs_ranks_launched(&rank) > 1 && rank)
-        sleep(SECONDS);
+    if (status == EXIT_DONE || sgs_ranks_launched(&rank) < 2 || !rank)
+        return;
+    sleep(SECONDS);
+    char node[64] = "";
+    gethostname(node, sizeof node - 1);
+    if (silenced >= 0)
+        dprintf(silenced, "sparegs: rank %d (%s): %s\n", rank, node, last_error_text());
 }
 
 void group_check_binding(void)

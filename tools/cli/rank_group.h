@@ -25,9 +25,9 @@ enum {
 
 // What this process prints goes nowhere, if it is a rank other than 0. Call it first.
 void group_silence(void);
-// Waits a moment if this process is a rank other than 0 that ends with an error before it has
-// joined the others: the launcher ends the job with the first one, and the message of rank 0 would
-// be lost.
+// For a rank other than 0 that ends with an error before it has joined the others: waits a moment,
+// since the launcher ends the job with the first one, and the message of rank 0 would be lost. Then
+// rank 0 has no error, and the one of this rank is printed.
 void group_let_lead_speak(int status);
 // Joins the ranks, if there is a launcher. `command` is for messages; supported: whether it works
 // on several ranks. Returns -1 to continue, or an exit status.

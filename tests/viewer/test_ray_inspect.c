@@ -45,7 +45,8 @@ static size_t compare(const oracle_scene *scene, sgs_filter filter)
             size_t count;
             const size_t known = sgs_reference_hits(scene->params, scene->count, &camera, &pose,
                                                     &options, x, y, expected, scene->count);
-            assert_true(ray_hits(scene->model, &camera, &pose, &options, x, y, &hits, &count));
+            assert_true(
+                ray_hits(scene->model, NULL, &camera, &pose, &options, x, y, &hits, &count));
             assert_int_equal(count, known);
             for (size_t i = 0; i < count; ++i) {
                 assert_int_equal(hits[i].primitive, expected[i].primitive);
@@ -57,6 +58,46 @@ static size_t compare(const oracle_scene *scene, sgs_filter filter)
         }
     free(expected);
     return total;
+}
+
+// The hits without every third row are those of a scene that lacks these rows.
+static void rows_that_are_not_kept_have_no_hits(void **state)
+{
+    (void)state;
+    oracle_scene scene = random_scene(9000, 0.3);
+    const sgs_render_options options = oracle_render_options(SGS_FILTER_3DGS, 3, NULL);
+    unsigned char *keep = oracle_memory(scene.count, sizeof *keep);
+    double *params = oracle_memory(scene.count * SGS_PARAM_COUNT, sizeof *params);
+    uint32_t *rows = oracle_memory(scene.count, sizeof *rows);
+    sgs_hit *expected = oracle_memory(scene.count, sizeof *expected);
+    size_t kept = 0, total = 0;
+    for (size_t i = 0; i < scene.count; ++i) {
+        keep[i] = i % 3 != 0;
+        if (!keep[i])
+            continue;
+        memcpy(params + kept * SGS_PARAM_COUNT, scene.params + i * SGS_PARAM_COUNT,
+               SGS_PARAM_COUNT * sizeof *params);
+        rows[kept++] = (uint32_t)i;
+    }
+    for (int y = 0; y < camera.height; y += 7)
+        for (int x = 0; x < camera.width; x += 9) {
+            sgs_hit *hits;
+            size_t count;
+            const size_t known =
+                sgs_reference_hits(params, kept, &camera, &pose, &options, x, y, expected, kept);
+            assert_true(ray_hits(scene.model, keep, &camera, &pose, &options, x, y, &hits, &count));
+            assert_int_equal(count, known);
+            for (size_t i = 0; i < count; ++i)
+                assert_int_equal(hits[i].primitive, rows[expected[i].primitive]);
+            total += count;
+            free(hits);
+        }
+    assert_true(total > 1000);
+    free(keep);
+    free(params);
+    free(rows);
+    free(expected);
+    oracle_scene_free(&scene);
 }
 
 static void rays_through_many_chunks_equal_the_reference(void **state)
@@ -100,6 +141,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rays_through_many_chunks_equal_the_reference),
+        cmocka_unit_test(rows_that_are_not_kept_have_no_hits),
         cmocka_unit_test(opaque_primitives_end_the_list_at_the_same_hit),
         cmocka_unit_test(equal_distances_keep_the_order_of_the_rows),
         cmocka_unit_test(an_empty_model_has_no_hits),

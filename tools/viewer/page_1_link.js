@@ -60,7 +60,7 @@ function send(message) {
 function connect() {
   socket = new WebSocket((location.protocol === 'https:' ? 'wss://' : 'ws://') + location.host + '/stream');
   socket.binaryType = 'arraybuffer';
-  let full = false;
+  let full = false, open = false;
   socket.onmessage = (event) => {
     if (typeof event.data !== 'string') {
       receivePicture(event.data);
@@ -71,8 +71,18 @@ function connect() {
     if (full) notice('Eight browsers are connected already. Close one of them and reload this page.');
     (listeners[message.type] || []).forEach((call) => call(message));
   };
-  socket.onopen = () => { retries = 0; notice(''); };
-  socket.onclose = () => { if (!full) connectLater(); };
+  socket.onopen = () => { open = true; retries = 0; notice(''); };
+  socket.onclose = () => {
+    if (full) return;
+    connectLater();
+    if (!open) checkToken();
+  };
+}
+
+// A program that started again may have another token.
+async function checkToken() {
+  const answer = await fetch('/', {cache: 'no-store'}).catch(() => null);
+  if (answer && answer.status === 401) notice('sparegs has another token now. Open the address that it printed.');
 }
 
 // Tries again until the program answers.

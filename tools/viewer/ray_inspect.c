@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "cli/output.h"
+#include "viewer/view_crop.h"
 
 enum { CHUNK = 4096 };
 
@@ -29,11 +30,14 @@ static int compare_rows(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static void load_row(const sgs_gaussians *model, size_t row, double *params)
+// Rows that are not kept get an opacity of 0, so no ray counts them.
+static void load_row(const sgs_gaussians *model, const unsigned char *keep, size_t row,
+                     double *params)
 {
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
         params[k] = (double)*sgs_gaussians_at(model, row, k);
-    params[SGS_PARAM_OPACITY] = (double)sgs_gaussians_opacity_logit(model, row);
+    params[SGS_PARAM_OPACITY] =
+        keep && !keep[row] ? -1e3 : (double)sgs_gaussians_opacity_logit(model, row);
 }
 
 // Appends the rows of the hits of a chunk that starts at row `first`.
@@ -106,7 +110,8 @@ static bool add_chunk(const ray_query *query, double *params, size_t first, size
            add_rows(list, &end, 1, first);
 }
 
-static bool find_rows(const sgs_gaussians *model, const ray_query *query, row_list *list)
+static bool find_rows(const sgs_gaussians *model, const unsigned char *keep, const ray_query *query,
+                      row_list *list)
 {
     double *params = malloc(CHUNK * SGS_PARAM_COUNT * sizeof *params);
     sgs_hit *hits = malloc(CHUNK * sizeof *hits);
@@ -114,7 +119,7 @@ static bool find_rows(const sgs_gaussians *model, const ray_query *query, row_li
     for (size_t first = 0; first < model->count && done; first += CHUNK) {
         const size_t count = model->count - first < CHUNK ? model->count - first : CHUNK;
         for (size_t i = 0; i < count; ++i)
-            load_row(model, first + i, params + i * SGS_PARAM_COUNT);
+            load_row(model, keep, first + i, params + i * SGS_PARAM_COUNT);
         done = add_chunk(query, params, first, count, hits, list);
     }
     free(params);
@@ -122,15 +127,16 @@ static bool find_rows(const sgs_gaussians *model, const ray_query *query, row_li
     return done;
 }
 
-bool ray_hits(const sgs_gaussians *model, const sgs_camera *camera, const sgs_pose *pose,
-              const sgs_render_options *options, int x, int y, sgs_hit **hits, size_t *count)
+bool ray_hits(const sgs_gaussians *model, const unsigned char *keep, const sgs_camera *camera,
+              const sgs_pose *pose, const sgs_render_options *options, int x, int y, sgs_hit **hits,
+              size_t *count)
 {
     row_list list = {0};
     double *params = NULL;
     *hits = NULL;
     *count = 0;
     const ray_query query = {camera, pose, options, x, y};
-    bool done = find_rows(model, &query, &list);
+    bool done = find_rows(model, keep, &query, &list);
     if (done) {
         params = malloc((list.count + 1) * SGS_PARAM_COUNT * sizeof *params);
         *hits = malloc((list.count + 1) * sizeof **hits);
@@ -140,7 +146,7 @@ bool ray_hits(const sgs_gaussians *model, const sgs_camera *camera, const sgs_po
         if (list.count)
             qsort(list.rows, list.count, sizeof *list.rows, compare_rows);
         for (size_t i = 0; i < list.count; ++i)
-            load_row(model, list.rows[i], params + i * SGS_PARAM_COUNT);
+            load_row(model, keep, list.rows[i], params + i * SGS_PARAM_COUNT);
         *count =
             sgs_reference_hits(params, list.count, camera, pose, options, x, y, *hits, list.count);
         for (size_t i = 0; list.rows && i < *count; ++i)
@@ -176,7 +182,12 @@ json_t *ray_inspect(view_source *source, const view_request *request, int x, int
     if (x >= request->camera.width || y >= request->camera.height)
         return NULL;
     const sgs_render_options options = drawing_render_options(&source->drawing);
-    if (!ray_hits(source->model, &request->camera, &request->pose, &options, x, y, &hits, &count))
+    const bool hides = request->crop.preview == CROP_HIDE;
+    unsigned char *keep = hides ? crop_keep(&request->crop, source) : NULL;
+    const bool done = (keep || !hides) && ray_hits(source->model, keep, &request->camera,
+                                                   &request->pose, &options, x, y, &hits, &count);
+    free(keep);
+    if (!done)
         return NULL;
     const region_map *regions = view_source_regions(source);
     json_t *list = json_array();

@@ -214,9 +214,11 @@ static json_t *frame_json(const view_artist *artist, const artist_task *task,
 }
 
 // Message of a picture: 4 bytes length of the header (little-endian), JSON header, image file.
-static void post_picture(view_client *client, json_t *head, const encoded_picture *encoded)
+// False if the picture was not queued; then it is drawn again.
+static bool post_picture(view_client *client, json_t *head, const encoded_picture *encoded)
 {
-    json_object_set_new(head, "frame", json_integer(++client->frame));
+    bool posted = false;
+    json_object_set_new(head, "frame", json_integer(client->frame + 1));
     char *text = json_dumps(head, JSON_COMPACT);
     const size_t length = text ? strlen(text) : 0;
     unsigned char *start = malloc(4 + length);
@@ -224,10 +226,12 @@ static void post_picture(view_client *client, json_t *head, const encoded_pictur
         for (int k = 0; k < 4; ++k)
             start[k] = (unsigned char)(length >> 8 * k);
         memcpy(start + 4, text, length);
-        view_hub_post(client, true, start, 4 + length, encoded->bytes, encoded->size);
+        posted = view_hub_post(client, true, start, 4 + length, encoded->bytes, encoded->size);
     }
+    client->frame += posted;
     free(start);
     free(text);
+    return posted;
 }
 
 // Adapts the scales after a picture that took `seconds`.
@@ -301,8 +305,8 @@ static void draw_picture(view_artist *artist, const artist_task *task, bool buil
     pthread_mutex_lock(&artist->hub->lock);
     if (client->generation == task->generation && client->used) {
         if (done) {
-            post_picture(client, head, &encoded);
-            learn(artist, client, task, seconds, built);
+            if (post_picture(client, head, &encoded))
+                learn(artist, client, task, seconds, built);
         } else if (!is_obsolete(artist, task)) {
             retry(client, task);
         }
@@ -343,7 +347,7 @@ static json_t *save_exr(view_artist *artist, const artist_task *task)
     const bool done = view_painter_exr(&artist->painter, &task->request, &path);
     const char *error =
         path ? sgs_last_error() : "all numbers of view_NNNN.exr are taken; move some files away";
-    json_t *reply = done ? json_pack("{s:s,s:s?}", "type", "saved", "path", path)
+    json_t *reply = done ? json_pack("{s:s,s:o}", "type", "saved", "path", json_text(path))
                          : json_pack("{s:s,s:s}", "type", "error", "text", error);
     free(path);
     return reply;

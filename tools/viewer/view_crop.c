@@ -12,8 +12,7 @@
 #include "cli/progress.h"
 #include "sparegs/model_file.h"
 
-// The flags of the primitives that the crop keeps; release with free(). NULL on failure.
-static unsigned char *select_kept(const view_crop *crop, view_source *source)
+unsigned char *crop_keep(const view_crop *crop, view_source *source)
 {
     const sgs_gaussians *model = source->model;
     const region_map *regions =
@@ -65,7 +64,7 @@ bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, view_sou
         return true;
     if (!preview->model && sgs_gaussians_create(model->count, &preview->model))
         return false;
-    unsigned char *keep = select_kept(crop, source);
+    unsigned char *keep = crop_keep(crop, source);
     bool done = keep && !sgs_gaussians_copy(preview->model, model);
     if (done) {
         preview->removed = model->count - count_kept(keep, model->count);
@@ -93,7 +92,7 @@ void crop_preview_free(crop_preview *preview)
 json_t *crop_save(const view_crop *crop, view_source *source)
 {
     const sgs_gaussians *model = source->model;
-    unsigned char *keep = select_kept(crop, source);
+    unsigned char *keep = crop_keep(crop, source);
     sgs_gaussians *kept = NULL;
     json_t *reply = NULL;
     const int n = free_number(source->folder, "crop", "ply");
@@ -106,7 +105,7 @@ json_t *crop_save(const view_crop *crop, view_source *source)
         if (sgs_model_write(path, kept, &options, &written))
             fail_library();
         else
-            reply = json_pack("{s:s,s:s?,s:I,s:I}", "type", "crop", "path", path, "kept",
+            reply = json_pack("{s:s,s:o,s:I,s:I}", "type", "crop", "path", json_text(path), "kept",
                               (json_int_t)kept->count, "removed",
                               (json_int_t)(model->count - kept->count));
     }

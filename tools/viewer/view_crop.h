@@ -9,6 +9,9 @@
 #include "viewer/view_message.h"
 #include "viewer/view_source.h"
 
+// [count] flags of the primitives that the crop keeps; release with free(). NULL on failure.
+unsigned char *crop_keep(const view_crop *crop, view_source *source);
+
 // A copy of the source's model with the primitives that a crop rejects coloured red or removed.
 typedef struct crop_preview {
     view_crop crop; // that the copy shows

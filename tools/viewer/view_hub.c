@@ -41,14 +41,14 @@ void view_hub_stop(view_hub *hub)
 
 // ---- Outgoing ----
 
-void view_hub_post(view_client *client, bool binary, const void *head, size_t head_size,
+bool view_hub_post(view_client *client, bool binary, const void *head, size_t head_size,
                    const void *bytes, size_t size)
 {
     if (!client->used || client->leaving || client->broken || client->queued >= HUB_QUEUE)
-        return;
+        return false;
     outgoing *message = malloc(sizeof *message + head_size + size);
     if (!message)
-        return;
+        return false;
     *message = (outgoing){.binary = binary, .size = head_size + size};
     if (head_size)
         memcpy(message->bytes, head, head_size);
@@ -61,6 +61,7 @@ void view_hub_post(view_client *client, bool binary, const void *head, size_t he
     client->last = message;
     ++client->queued;
     pthread_cond_signal(&client->filled);
+    return true;
 }
 
 void view_hub_post_json(view_client *client, json_t *root)

@@ -81,8 +81,9 @@ void view_hub_leave(view_client *client);
 // A message from the page. False if the connection must be closed.
 bool view_hub_receive(view_client *client, const char *text, size_t size);
 
-// Queues a copy of the message; dropped if the page does not read. Call with the lock held.
-void view_hub_post(view_client *client, bool binary, const void *head, size_t head_size,
+// Queues a copy of the message. False if it is dropped, because the page does not read or no memory
+// is left. Call with the lock held.
+bool view_hub_post(view_client *client, bool binary, const void *head, size_t head_size,
                    const void *bytes, size_t size);
 // Queues JSON text. Steals the reference. Call with the lock held.
 void view_hub_post_json(view_client *client, json_t *root);

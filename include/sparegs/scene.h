@@ -124,7 +124,7 @@ typedef struct sgs_scene {
     double white_point;            // linear light that maps to 1; 1 if no file is linear
     size_t linear_images;          // photographs in linear light, which white_point applies to
     size_t float_images;           // photographs kept in half floats: HDR, 16-bit, linear space
-    bool has_alpha;                // some photograph has an alpha channel (SGS_ALPHA_OVER)
+    bool has_alpha;                // some photograph has an alpha channel, whatever its use
     bool white_background;         // NeRF synthetic convention: white unless the user sets it
     double center[3];              // mean of the training camera centres, world
     // World units, > 0: 1.1 times the largest distance of a training camera to the centre

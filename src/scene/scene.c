@@ -551,7 +551,7 @@ static void keep_view(loader *l, size_t i, size_t to, view_tally *tally)
     if (!has_camera_aspect(l, i) && tally->mismatched++ == 0)
         tally->first_mismatched = view->name;
     tally->downscaled |= l->options->downscale == 0 && s->width != s->file_width;
-    scene->has_alpha |= s->channels == 4 && l->options->alpha == SGS_ALPHA_OVER;
+    scene->has_alpha |= s->channels == 4;
     scene->masks += view->mask_path != NULL;
     scene->photo_bytes += s->bytes;
     scene->float_images += s->halves;
@@ -741,7 +741,8 @@ static sgs_status load(loader *l)
         status = drop_marked_views(l);
     if (!status)
         status = open_store(l);
-    scene->white_background = l->dataset.white_background && scene->has_alpha;
+    scene->white_background =
+        l->dataset.white_background && scene->has_alpha && l->options->alpha == SGS_ALPHA_OVER;
     return status;
 }
 

@@ -361,7 +361,7 @@ static sgs_status make_photos(creator *c)
         if (photo->width && !photo->kept)
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "view '%s': mask excludes every pixel",
                              scene->views[i].name);
-        scene->has_alpha |= photo->channels == 4;
+        scene->has_alpha |= c->entries[i].source->channels == 4;
         scene->masks += c->entries[i].source->mask != NULL;
         scene->pixels_broken += c->entries[i].pixels_broken;
         const bool linear = c->entries[i].source->pixel_type != SGS_PIXEL_UINT8;

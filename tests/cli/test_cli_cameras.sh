@@ -394,4 +394,18 @@ if command -v ffprobe >/dev/null; then # the real one, where it is
         grep -q '34,22,3'"
 fi
 
+# a_view_name_that_denotes_several_views_is_refused
+jq '.[0].img_name = "l/y.jpg" | .[1].img_name = "r/y.jpg" | .[2].img_name = "r/x.jpg" | .[3].img_name = "r/x.png"' \
+    "$model/cameras.json" >"$temporary/names.json"
+for view in y y.jpg; do
+    run 1 render "$model" --camera "$temporary/names.json" --view $view --aov rgba -o "$temporary/named"
+    reports "names.json: --view '$view' is ambiguous: 'l/y.jpg' or 'r/y.jpg'; give the full name"
+    one_line
+done
+run 1 render "$model" --camera "$temporary/names.json" --view x --aov rgba -o "$temporary/named"
+reports "'r/x.jpg' or 'r/x.png'"
+for view in r/y.jpg r/y x.png; do
+    run 0 render "$model" --camera "$temporary/names.json" --view $view --aov rgba -o "$temporary/named"
+done
+
 finish

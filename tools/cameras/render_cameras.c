@@ -81,14 +81,22 @@ static bool missing_view(const char *path, const char *view, const camera_list *
 // Keeps the camera that `view` denotes; NULL: all. `path` is that of the cameras.
 static bool keep_view(const char *path, const char *view, camera_list *list)
 {
-    size_t best = 0;
+    size_t best = 0, other = 0; // other: a later one that it denotes as well; 0: none
     int least = -1;
     for (size_t i = 0; view && i < list->count; ++i) {
         const int match = sgs_view_name_match(list->cameras[i].name, view);
         if (match >= 0 && (least < 0 || match < least)) {
             least = match;
             best = i;
+            other = 0;
+        } else if (match > 0 && match == least && !other) {
+            other = i;
         }
+    }
+    if (other) {
+        fail_run("%s: --view '%s' is ambiguous: '%s' or '%s'; give the full name", path, view,
+                 list->cameras[best].name, list->cameras[other].name);
+        return false;
     }
     if (view && least < 0)
         return missing_view(path, view, list);

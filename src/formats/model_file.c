@@ -159,6 +159,10 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
         size = fread(bytes, 1, sizeof bytes, stream);
         fclose(stream);
     }
+    if (begins(bytes, size, "SGSPACK1", 8)) // whatever the name: .splat and .ksplat have no mark
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: is a compressed model; write it as PLY with 'sparegs decompress'",
+                         path);
     const bool named = sgs_model_format_of_name(path, format);
     if (named &&
         (opened || !size || !table[*format].matches || table[*format].matches(bytes, size)))

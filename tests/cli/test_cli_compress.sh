@@ -159,4 +159,16 @@ reports "the file has 1000 bytes instead of"
 one_line
 check the_old_file_stays grep -q old "$temporary/out.ply"
 
+# a_compressed_model_is_recognised_whatever_its_name
+for name in model.sog model.splat model.ksplat model.ply model.ghap; do
+    run 0 compress "$model" -o "$temporary/$name" --method fcgs-like
+    case $name in
+        *.ghap) check no_warning bash -c "! grep 'will be a compressed model' '$temporary/stderr'" ;;
+        *) reports "$name: will be a compressed model of sparegs, not a .${name#*.} file; to write one, use 'sparegs convert'" ;;
+    esac
+    run 1 info "$temporary/$name"
+    reports "$name: is a compressed model; write it as PLY with 'sparegs decompress'"
+    one_line
+done
+
 finish

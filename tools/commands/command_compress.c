@@ -14,6 +14,7 @@
 #include "cli/progress.h"
 #include "cli/shared_options.h"
 #include "sparegs/compress.h"
+#include "sparegs/model_file.h"
 
 static const char description[] =
     "Compresses MODEL (a model file, or a run folder: its latest iteration) with a published "
@@ -437,6 +438,11 @@ int command_compress(int argc, char **argv)
     warn_idle_options(&call.line, &values);
     if (!check_output(values.output))
         return EXIT_FAILED;
+    sgs_model_format format;
+    if (sgs_model_format_of_name(values.output, &format))
+        print_warning("%s: will be a compressed model of sparegs, not a .%s file; to write one, "
+                      "use 'sparegs convert'",
+                      values.output, sgs_model_format_name(format));
     interrupt_watch();
     model_path located;
     status = model_locate(call.line.operands[0], &located)

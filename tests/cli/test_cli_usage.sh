@@ -146,6 +146,11 @@ done
 run 2 train "$room" -o "$temporary/out" --spare bmd,rpa
 reports "invalid value 'rpa'"
 reports "did you mean 'rap'?"
+run 2 train "$room" -o "$temporary/out" --spare on,bmd
+reports "--spare: 'on' cannot be combined with other words"
+one_line
+run 2 render "$temporary/out" "$room" -o "$temporary/out" --aov depth,all
+reports "--aov: 'all' cannot be combined with other words"
 mkdir "$temporary/empty"
 run 1 eval "$temporary/empty" "$room"
 one_line

@@ -260,7 +260,10 @@ static bool parse_set(const option *row, const char *argument, unsigned *value)
         if (k < 0) {
             char unknown[LONGEST_WORD + 1];
             snprintf(unknown, sizeof unknown, "%.*s", (int)length, at);
-            return fail_word(row, unknown);
+            if (!bar || word_index(row->argument, at, length) < 0)
+                return fail_word(row, unknown);
+            fail_usage("--%s: '%s' cannot be combined with other words", row->name, unknown);
+            return false;
         }
         bits |= 1U << k;
         at += length;

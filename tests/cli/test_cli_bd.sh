@@ -16,6 +16,11 @@ run 0 bd "$a" "$b"
 prints "BD-rate   -50.00 %"
 prints "BD-PSNR   +4.49 dB"
 
+# a_byte_order_mark_is_no_part_of_the_header
+printf '\xef\xbb\xbfsize,psnr\r\n10,20\r\n20,25\r\n40,29\r\n' >"$b"
+run 0 bd "$a" "$b"
+prints "BD-rate   +0.00 %"
+
 # figures_without_a_common_range_are_null_with_a_reason
 printf 'size,psnr\n10,30\n20,35\n40,39\n' >"$b"
 run 0 bd "$a" "$b" --json

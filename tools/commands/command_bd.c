@@ -108,6 +108,8 @@ static bool is_blank(const char *line)
     return !line[strspn(line, " \t\r\n")];
 }
 
+#define BYTE_ORDER_MARK "\xef\xbb\xbf" // begins tables that spreadsheets export as UTF-8
+
 static bool read_rows(const char *path, FILE *stream, curve *read)
 {
     int columns[COLUMNS] = {-1, -1};
@@ -115,7 +117,9 @@ static bool read_rows(const char *path, FILE *stream, curve *read)
     size_t room = 0, row = 0;
     bool valid = true, header = true;
     while (valid && getline(&line, &room, stream) > 0) {
-        ++row;
+        if (++row == 1 && !strncmp(line, BYTE_ORDER_MARK, strlen(BYTE_ORDER_MARK)))
+            memmove(line, line + strlen(BYTE_ORDER_MARK),
+                    strlen(line + strlen(BYTE_ORDER_MARK)) + 1);
         if (is_blank(line))
             continue;
         if (!header) {

@@ -301,6 +301,15 @@ done
 run 1 render "$model" --camera "$temporary/named.json" --view IMG_3 -o "$temporary/none"
 one_line
 reports "named.json: no view named 'IMG_3' (did you mean 'IMG_1'?)"
+run 1 render "$model" --camera "$temporary/named.json" --view picture.png -o "$temporary/none"
+one_line
+reports "named.json: no view named 'picture.png'; its $(jq length "$temporary/named.json") views begin with 'left/IMG_1.jpg'"
+
+for ending in chan usda; do
+    run 1 render "$model" --camera "$temporary/some/cameras.$ending" --size 20x15 -o "$temporary/none"
+    one_line
+    reports "cameras.$ending: cameras are read from cameras.json, from the camera path of nerfstudio and from a COLMAP model"
+done
 
 # cameras_without_a_size (NeRF synthetic: a horizontal angle only; here 2 atan(1/2))
 jq '{camera_angle_x: 0.9272952180016122, frames: [.frames[] | {file_path: "./train/r_0", transform_matrix}]}' \

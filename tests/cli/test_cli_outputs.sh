@@ -233,6 +233,9 @@ reports "not a rotation"
 run 0 info "$model" --json
 json "$temporary/stdout" '.type == "model" and .iteration == 40 and .gaussians > 0 and .sh_degree == 3 and .opacity.median > 0'
 check same_hash jq -es '.[0].model_hash == .[1].model_hash' "$temporary/stdout" "$model/summary.json"
+cp "$temporary/stdout" "$temporary/of_run"
+run 0 info "$model"/point_cloud/iteration_* --json
+check the_folder_of_an_iteration_is_a_model test "$(jq .model_hash "$temporary/stdout")" = "$(jq .model_hash "$temporary/of_run")"
 run 0 info "$model"
 prints "gaussians:"
 run 0 info "$room" --eval --json

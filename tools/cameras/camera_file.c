@@ -16,6 +16,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "cli/json_file.h"
 #include "cli/output.h"
@@ -230,6 +231,13 @@ bool camera_file_is_scene(const char *path)
 bool camera_file_read(const char *path, camera_list *list)
 {
     *list = (camera_list){0};
+    const char *ending = strrchr(path, '.');
+    if (ending && (!strcasecmp(ending, ".usda") || !strcasecmp(ending, ".chan"))) {
+        fail_run("%s: cameras are read from cameras.json, from the camera path of nerfstudio and "
+                 "from a COLMAP model, not from %s",
+                 path, ending);
+        return false;
+    }
     json_t *root = read_json(path);
     if (!root)
         return false;

@@ -72,8 +72,12 @@ static bool missing_view(const char *path, const char *view, const camera_list *
     for (size_t i = 0; names && i < list->count; ++i)
         names[i] = list->cameras[i].name;
     char near[SUGGESTION_LENGTH];
-    fail_run("%s: no view named '%s'%s", path, view,
-             suggestion(near, "", view, names, names ? list->count : 0));
+    suggestion(near, "", view, names, names ? list->count : 0);
+    if (!*near && list->count)
+        fail_run("%s: no view named '%s'; its %zu views begin with '%s'", path, view, list->count,
+                 list->cameras[0].name);
+    else
+        fail_run("%s: no view named '%s'%s", path, view, near);
     free(names);
     return false;
 }

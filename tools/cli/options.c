@@ -521,7 +521,11 @@ static int parse_option(command_line *line, int argc, char **argv, int *at)
             return fail_usage("--%s requires a value: %s", row->name, row->argument);
         value = argv[++*at];
     }
-    group->given |= UINT64_C(1) << (row - group->options);
+    const uint64_t bit = UINT64_C(1) << (row - group->options);
+    if (group->given & bit && row->kind != OPTION_FLAG)
+        print_warning("--%s is given more than once; '%s' replaces the earlier value", row->name,
+                      value);
+    group->given |= bit;
     return parse_value(row, value, group->values) ? -1 : EXIT_USAGE;
 }
 

@@ -353,9 +353,23 @@ static bool is_folder(const char *path)
     return !stat(path, &info) && S_ISDIR(info.st_mode);
 }
 
+// The model in a folder such as point_cloud/iteration_7000, or NULL. Release with free().
+static char *iteration_model(const char *folder)
+{
+    char *path = format_text("%s/point_cloud.ply", folder);
+    if (is_folder(folder) && file_exists(path) && !is_folder(path))
+        return path;
+    free(path);
+    return NULL;
+}
+
 bool model_is(const char *model)
 {
     sgs_model_format format;
+    char *ply = iteration_model(model);
+    free(ply);
+    if (ply)
+        return true;
     // A file that is missing is a model by its name.
     if (sgs_model_format_detect(model, &format) ||
         (!is_folder(model) && sgs_model_format_of_name(model, &format)))
@@ -378,6 +392,9 @@ bool model_locate(const char *model, model_path *located)
         located->ply_path = format_text("%s", model);
         return true;
     }
+    located->ply_path = iteration_model(model);
+    if (located->ply_path)
+        return true;
     char path[4096];
     if (sgs_run_model_path(model, path, sizeof path, &located->iteration)) {
         fail_library();

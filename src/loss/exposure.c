@@ -8,9 +8,15 @@
 //   dL/dI'
 //
 // and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term, which does not pass
-// through the map). The sums are computed per cell of the image (base/image_cells.h) and added
-// along the curve of the cells, in double precision: the result does not depend on the number of
-// threads.
+// through the map). The background of a photograph with an alpha channel does not have the exposure
+// of the photograph, so it is added behind the map:
+//
+//   I' = A color + b (1 - T) + T background
+//   dL/dcolor = A^T dL/dI',   dL/dT = (background - b) . dL/dI',   dL/dA = sum of dL/dI' color^T,
+//   dL/db = sum of dL/dI' (1 - T)
+//
+// The sums are computed per cell of the image (base/image_cells.h) and added along the curve of the
+// cells, in double precision: the result does not depend on the number of threads.
 
 #include "loss/exposure.h"
 
@@ -76,6 +82,11 @@ typedef struct exposure_job {
     size_t first; // cell
 } exposure_job;
 
+static inline bool has_alpha(const sgsi_loss_input *image)
+{
+    return image->target->channels == 4;
+}
+
 static inline float image_at(const sgsi_loss_input *image, int c, size_t at)
 {
     return image->color[c][at] + image->transmittance[at] * image->background[c];
@@ -86,15 +97,18 @@ static void forward_row(void *context, size_t y, int thread)
     (void)thread;
     const exposure_job *job = context;
     float map[SGSI_EXPOSURE];
+    const sgsi_loss_input *image = job->image;
+    const bool alpha = has_alpha(image);
     for (int i = 0; i < SGSI_EXPOSURE; ++i)
         map[i] = (float)job->map[i];
-    for (size_t at = y * job->image->stride;
-         at < y * job->image->stride + (size_t)job->image->width; ++at) {
-        const float r = image_at(job->image, 0, at), g = image_at(job->image, 1, at),
-                    b = image_at(job->image, 2, at);
+    for (size_t at = y * image->stride; at < y * image->stride + (size_t)image->width; ++at) {
+        float value[3];
         for (int c = 0; c < 3; ++c)
-            job->exposure->mapped[c][at] =
-                map[4 * c] * r + map[4 * c + 1] * g + map[4 * c + 2] * b + map[4 * c + 3];
+            value[c] = alpha ? image->color[c][at] : image_at(image, c, at);
+        const float one = alpha ? 1 - image->transmittance[at] : 1;
+        for (int c = 0; c < 3; ++c)
+            job->exposure->mapped[c][at] = map[4 * c] * value[0] + map[4 * c + 1] * value[1] +
+                                           map[4 * c + 2] * value[2] + map[4 * c + 3] * one;
     }
 }
 
@@ -102,8 +116,10 @@ void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_inpu
 {
     exposure_job job = {.exposure = exposure, .map = exposure->states[index].map, .image = input};
     sgsi_parallel_for((size_t)input->height, 8, forward_row, &job);
-    input->alpha_transmittance = input->transmittance;
-    input->transmittance = exposure->nothing;
+    if (!has_alpha(input)) {
+        input->alpha_transmittance = input->transmittance;
+        input->transmittance = exposure->nothing;
+    }
     for (int c = 0; c < 3; ++c)
         input->color[c] = exposure->mapped[c];
 }
@@ -131,16 +147,46 @@ static void backward_pixel(const exposure_job *job, size_t at, double sums[SGSI_
     output->d_transmittance[at] += through - before;
 }
 
+// The same for a photograph with an alpha channel.
+static void backward_pixel_alpha(const exposure_job *job, size_t at, double sums[SGSI_EXPOSURE])
+{
+    const sgsi_loss_input *image = job->image;
+    sgsi_loss_output *output = job->output;
+    const double opacity = 1 - (double)image->transmittance[at];
+    double mapped[3], offset = 0;
+    for (int c = 0; c < 3; ++c) {
+        mapped[c] = (double)output->d_color[c][at];
+        offset += job->map[4 * c + 3] * mapped[c];
+        sums[4 * c + 3] += mapped[c] * opacity;
+    }
+    for (int k = 0; k < 3; ++k) {
+        double sum = 0;
+        for (int c = 0; c < 3; ++c) {
+            sums[4 * c + k] += mapped[c] * (double)image->color[k][at];
+            sum += job->map[4 * c + k] * mapped[c];
+        }
+        output->d_color[k][at] = (float)sum;
+    }
+    // The loss has written background . dL/dI' here, plus the alpha term.
+    output->d_transmittance[at] -= (float)offset;
+}
+
 static void backward_cell(void *context, size_t item, int thread)
 {
     (void)thread;
     const exposure_job *job = context;
     const sgsi_cell_rect rect = sgsi_cell_at(&job->exposure->cells, job->first + item);
     double *sums = job->exposure->sums[job->first + item];
+    const bool alpha = has_alpha(job->image);
     memset(sums, 0, SGSI_EXPOSURE * sizeof *sums);
     for (int y = rect.y; y < rect.y + rect.height; ++y)
-        for (int x = rect.x; x < rect.x + rect.width; ++x)
-            backward_pixel(job, (size_t)y * job->image->stride + (size_t)x, sums);
+        for (int x = rect.x; x < rect.x + rect.width; ++x) {
+            const size_t at = (size_t)y * job->image->stride + (size_t)x;
+            if (alpha)
+                backward_pixel_alpha(job, at, sums);
+            else
+                backward_pixel(job, at, sums);
+        }
 }
 
 static sgs_status reserve_cells(sgsi_exposure *exposure, const sgsi_loss_input *image)

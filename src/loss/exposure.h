@@ -20,7 +20,8 @@ sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, sgsi_exposure
 void sgsi_exposure_destroy(sgsi_exposure *exposure); // accepts NULL
 
 // Maps the image of `input` (colour over background) and points input to the result, which has no
-// transmittance left; the alpha term keeps the transmittance of the image.
+// transmittance left; the alpha term keeps the transmittance of the image. If the target has an
+// alpha channel, only the primitives are mapped: the transmittance and the background remain.
 void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_input *input);
 
 // Converts the gradients of the mapped image in output->d_color to those of the image, with dL/dT.

@@ -151,6 +151,7 @@ static sgsi_scored_image error_image(const sgsi_train_views *views, const sgsi_t
         .stride = planes->stride,
         .color = {planes->color[0], planes->color[1], planes->color[2]},
         .transmittance = planes->transmittance,
+        .target = target,
         .background = {view->background[0], view->background[1], view->background[2]}};
     if (views->exposure)
         sgsi_exposure_forward(views->exposure, view->index, &drawn);

@@ -39,10 +39,10 @@ static float *take(size_t count)
     return block;
 }
 
-static fixture make_fixture(void)
+static fixture make_fixture(int channels)
 {
     fixture f = {
-        .target = {.width = WIDTH, .height = HEIGHT, .channels = 4, .kept = WIDTH * HEIGHT}};
+        .target = {.width = WIDTH, .height = HEIGHT, .channels = channels, .kept = WIDTH * HEIGHT}};
     assert_int_equal(sgsi_exposure_create(2, PLANE, &f.exposure), SGS_STATUS_OK);
     assert_int_equal(sgsi_loss_create(&f.workspace), SGS_STATUS_OK);
     f.target.pixels = sgsi_calloc(WIDTH * HEIGHT, 4);
@@ -93,16 +93,15 @@ static double evaluate(fixture *f, bool gradients)
     return output.loss;
 }
 
-static void gradients_match_finite_differences(void **state)
+static void compare_with_finite_differences(int channels)
 {
-    (void)state;
-    fixture f = make_fixture();
+    fixture f = make_fixture(channels);
     size_t count;
     double *map = sgsi_exposure_state(f.exposure, &count), gradient[SGSI_EXPOSURE], worst = 0;
     evaluate(&f, true);
     memcpy(gradient, sgsi_exposure_gradient(f.exposure), sizeof gradient);
     for (int i = 0; i < SGSI_EXPOSURE; ++i) {
-        const double value = map[i], step = 2e-4;
+        const double value = map[i], step = 5e-5; // kinks of the L1 term
         map[i] = value + step;
         const double up = evaluate(&f, false);
         map[i] = value - step;
@@ -144,12 +143,48 @@ static void gradients_match_finite_differences(void **state)
     free_fixture(&f);
 }
 
+// Without and with the alpha channel of the photograph.
+static void gradients_match_finite_differences(void **state)
+{
+    (void)state;
+    compare_with_finite_differences(3);
+    compare_with_finite_differences(4);
+}
+
+// A map does not change what lies behind the primitives if the photograph has an alpha channel.
+static void the_background_is_not_mapped_behind_alpha(void **state)
+{
+    (void)state;
+    for (int channels = 3; channels <= 4; ++channels) {
+        fixture f = make_fixture(channels);
+        for (size_t i = 0; i < PLANE; ++i) {
+            f.planes[0][i] = f.planes[1][i] = f.planes[2][i] = 0;
+            f.planes[3][i] = 1;
+        }
+        sgsi_loss_input input = {.width = WIDTH,
+                                 .height = HEIGHT,
+                                 .stride = STRIDE,
+                                 .color = {f.planes[0], f.planes[1], f.planes[2]},
+                                 .transmittance = f.planes[3],
+                                 .background = {0.3f, 0.2f, 0.6f},
+                                 .target = &f.target};
+        sgsi_exposure_forward(f.exposure, 0, &input);
+        double change = 0;
+        for (int c = 0; c < 3; ++c)
+            change +=
+                fabs((double)(input.color[c][7] + input.transmittance[7] * input.background[c] -
+                              (const float[]){0.3f, 0.2f, 0.6f}[c]));
+        assert_true(channels == 4 ? change < 1e-6 : change > 0.01);
+        free_fixture(&f);
+    }
+}
+
 // Steps with changing gradients against Adam (Kingma and Ba 2015, algorithm 1) with 0.9, 0.999 and
 // 1e-8, written out here.
 static void steps_are_those_of_adam(void **state)
 {
     (void)state;
-    fixture f = make_fixture();
+    fixture f = make_fixture(4);
     size_t count;
     const double *map = sgsi_exposure_state(f.exposure, &count), rate = 0.01;
     double expected[SGSI_EXPOSURE], m[SGSI_EXPOSURE] = {0}, v[SGSI_EXPOSURE] = {0};
@@ -179,7 +214,7 @@ static void bits_do_not_depend_on_threads(void **state)
     float *planes[2];
     for (int k = 0; k < 2; ++k) {
         sgsi_threads_set(k ? 3 : 1);
-        fixture f = make_fixture();
+        fixture f = make_fixture(4);
         evaluate(&f, true);
         memcpy(gradients[k], sgsi_exposure_gradient(f.exposure), sizeof gradients[k]);
         planes[k] = f.planes[7];
@@ -359,6 +394,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(gradients_match_finite_differences),
+        cmocka_unit_test(the_background_is_not_mapped_behind_alpha),
         cmocka_unit_test(steps_are_those_of_adam),
         cmocka_unit_test(bits_do_not_depend_on_threads),
         cmocka_unit_test(changing_exposures_are_learned),

@@ -78,9 +78,9 @@ bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips)
 }
 
 // photo_flatten, or NULL after printing the error.
-static float *flatten_photo(const evaluator *evaluation, const sgs_photo *photo)
+static float *flatten_photo(const sgs_photo *photo, const float background[3])
 {
-    float *planes = photo_flatten(photo, evaluation->background);
+    float *planes = photo_flatten(photo, background);
     if (!planes)
         fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
     return planes;
@@ -114,24 +114,47 @@ static bool quantise(const evaluator *evaluation, float *const color[3], int wid
     return false;
 }
 
-// Applies the exposure of the photograph to the render. *half receives the mask of pixels to
-// evaluate if the other half was used to fit the exposure.
-static bool expose(const evaluator *evaluation, const sgs_view *view, float *const drawn[3],
-                   float *const photo[3], const uint16_t *valid_mask, uint16_t **half)
+// The map of a photograph without a recorded one.
+static bool fit_exposure(const sgs_frame *frame, const float *transmittance, const sgs_photo *photo,
+                         const float background[3], double map[12])
 {
+    float *planes = flatten_photo(photo, background);
+    if (!planes)
+        return false;
+    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
+    exposure_fit(frame->color, transmittance, color, photo->valid_mask, frame->width, frame->height,
+                 map);
+    free(planes);
+    return true;
+}
+
+// Applies the exposure of the photograph to the render and adds the background: behind the map if
+// the photograph has an alpha channel, as in training. *half receives the mask of pixels to
+// evaluate if the other half was used to fit the exposure.
+static bool expose(const evaluator *evaluation, const sgs_view *view, const sgs_photo *photo,
+                   sgs_frame *frame, uint16_t **half)
+{
+    static const float black[3] = {0};
     double map[12];
-    const int width = view->camera.width, height = view->camera.height;
+    const bool alpha = photo->channels == 4;
+    const float *transmittance = alpha ? frame->transmittance : NULL;
+    if (!alpha || !evaluation->exposures)
+        add_background(evaluation, frame);
     if (!evaluation->exposures)
         return true;
     if (!exposure_find(evaluation->exposures, view->name, map)) {
-        exposure_fit(drawn, photo, valid_mask, width, height, map);
-        *half = exposure_right_half(valid_mask, width, height);
+        if (!fit_exposure(frame, transmittance, photo, alpha ? black : evaluation->background, map))
+            return false;
+        *half = exposure_right_half(photo->valid_mask, frame->width, frame->height);
         if (!*half) {
-            fail_run("no memory to compare a photo of %d x %d", width, height);
+            fail_run("no memory to compare a photo of %d x %d", frame->width, frame->height);
             return false;
         }
     }
-    exposure_apply(drawn, (size_t)width * (size_t)height, map);
+    exposure_apply(frame->color, transmittance, (size_t)frame->width * (size_t)frame->height, map);
+    if (alpha)
+        add_background(evaluation, frame);
     return true;
 }
 
@@ -180,12 +203,11 @@ static bool score_frame(const evaluator *evaluation, const sgs_view *view, sgs_f
         !sgs_scene_photo(evaluation->scene, (size_t)(view - evaluation->scene->views), &source);
     if (!done)
         fail_library();
-    float *planes = done ? flatten_photo(evaluation, source) : NULL;
+    float *planes = done ? flatten_photo(source, evaluation->background) : NULL;
     if (planes) {
         const size_t pixels = (size_t)source->width * (size_t)source->height;
         float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
-        add_background(evaluation, frame);
-        done = expose(evaluation, view, frame->color, color, source->valid_mask, &half) &&
+        done = expose(evaluation, view, source, frame, &half) &&
                quantise(evaluation, color, source->width, source->height, &compared.photo) &&
                quantise(evaluation, frame->color, frame->width, frame->height, &compared.drawn);
     }

@@ -95,8 +95,13 @@ static bool solve(double a[4][4], double b[4][3])
     return true;
 }
 
-void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *valid_mask,
-                  int width, int height, double map[12])
+static double opacity_at(const float *transmittance, size_t at)
+{
+    return transmittance ? 1 - (double)transmittance[at] : 1;
+}
+
+void exposure_fit(float *const drawn[3], const float *transmittance, float *const photo[3],
+                  const uint16_t *valid_mask, int width, int height, double map[12])
 {
     double a[4][4] = {{0}}, b[4][3] = {{0}};
     for (int y = 0; y < height; ++y)
@@ -105,7 +110,7 @@ void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *
             if (!sgs_mask_is_valid(valid_mask, width, x, y))
                 continue;
             const double from[4] = {(double)drawn[0][at], (double)drawn[1][at],
-                                    (double)drawn[2][at], 1};
+                                    (double)drawn[2][at], opacity_at(transmittance, at)};
             for (int i = 0; i < 4; ++i) {
                 for (int k = 0; k < 4; ++k)
                     a[i][k] += from[i] * from[k];
@@ -126,13 +131,15 @@ void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *
             map[4 * c + k] = solved ? b[k][c] : k == c;
 }
 
-void exposure_apply(float *const planes[3], size_t pixels, const double map[12])
+void exposure_apply(float *const planes[3], const float *transmittance, size_t pixels,
+                    const double map[12])
 {
     for (size_t i = 0; i < pixels; ++i) {
         const double image[3] = {(double)planes[0][i], (double)planes[1][i], (double)planes[2][i]};
         for (int c = 0; c < 3; ++c)
-            planes[c][i] = (float)(map[4 * c] * image[0] + map[4 * c + 1] * image[1] +
-                                   map[4 * c + 2] * image[2] + map[4 * c + 3]);
+            planes[c][i] =
+                (float)(map[4 * c] * image[0] + map[4 * c + 1] * image[1] +
+                        map[4 * c + 2] * image[2] + map[4 * c + 3] * opacity_at(transmittance, i));
     }
 }
 

@@ -22,12 +22,15 @@ json_t *exposure_read(const char *path, bool *failed);
 bool exposure_find(const json_t *exposures, const char *name, double map[12]);
 
 // Fits the map from render to photograph by least squares over their left halves. Planes as in
-// sgs_frame, valid_mask as in sgs_photo. The identity if there are too few pixels.
-void exposure_fit(float *const drawn[3], float *const photo[3], const uint16_t *valid_mask,
-                  int width, int height, double map[12]);
+// sgs_frame, valid_mask as in sgs_photo. The identity if there are too few pixels. With
+// `transmittance`, both are over black and the offset of the map is multiplied by the opacity of
+// the render; NULL: they are opaque.
+void exposure_fit(float *const drawn[3], const float *transmittance, float *const photo[3],
+                  const uint16_t *valid_mask, int width, int height, double map[12]);
 
-// mapped[c] = sum over k of map[4 c + k] image[k] + map[4 c + 3], in place.
-void exposure_apply(float *const planes[3], size_t pixels, const double map[12]);
+// Applies a map in place; transmittance as above.
+void exposure_apply(float *const planes[3], const float *transmittance, size_t pixels,
+                    const double map[12]);
 
 // A copy of valid_mask (sgs_photo) with the left half excluded. Release with free(). NULL if out of
 // memory.

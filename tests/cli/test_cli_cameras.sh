@@ -417,4 +417,14 @@ for view in r/y.jpg r/y x.png; do
     run 0 render "$model" --camera "$temporary/names.json" --view $view --aov rgba -o "$temporary/named"
 done
 
+# chan_keeps_the_roll_of_vertical_cameras: straight down and up, with the right axis (0.6, 0, 0.8)
+jq '.[0].rotation = [[0.6, -0.8, 0], [0, 0, -1], [0.8, 0.6, 0]] | .[1].rotation = [[0.6, 0.8, 0], [0, 0, 1], [0.8, -0.6, 0]] |
+    .[:2] | map(.img_name = "v\(.id)" | .cx = .width / 2 | .cy = .height / 2)' "$model/cameras.json" >"$temporary/vertical.json"
+run 0 render "$model" --camera "$temporary/vertical.json" --aov rgba --save-cameras chan -o "$temporary/vertical"
+check vertical_cameras_in_chan awk '
+    { r = atan2(0, -1) / 180; x = $5 * r; y = $6 * r; z = $7 * r # the right axis of Ry Rx Rz
+      error += (cos(y) * cos(z) + sin(y) * sin(x) * sin(z) - 0.6) ^ 2 + (cos(x) * sin(z)) ^ 2
+      error += (-sin(y) * cos(z) + cos(y) * sin(x) * sin(z) - 0.8) ^ 2 + (sin(x) - (NR == 1 ? -1 : 1)) ^ 2 }
+    END { exit !(NR == 2 && error < 1e-12) }' "$temporary/vertical/cameras.chan"
+
 finish

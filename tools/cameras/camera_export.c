@@ -56,9 +56,13 @@ static void chan_line(FILE *out, const named_camera *camera, size_t frame)
     graphics_axes(&camera->pose, axes);
     sgs_pose_center(&camera->pose, center);
     sgs_camera_intrinsics(&camera->camera, &fx, &fy, &cx, &cy);
-    // Rotation = R_y R_x R_z.
-    const double x = asin(fmax(-1, fmin(1, -axes[5]))), y = atan2(axes[2], axes[8]),
-                 z = atan2(axes[3], axes[4]);
+    // Rotation = R_y R_x R_z. A camera that looks straight up or down turns about one axis by y and
+    // z; z is then 0.
+    const double level = hypot(axes[2], axes[8]);
+    const bool vertical = level < 1e-7;
+    const double x = atan2(-axes[5], level),
+                 y = vertical ? atan2(-axes[6], axes[0]) : atan2(axes[2], axes[8]),
+                 z = vertical ? 0 : atan2(axes[3], axes[4]);
     fprintf(out, "%zu\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\n", frame, center[0], center[1],
             center[2], x * 180 / PI, y * 180 / PI, z * 180 / PI,
             2 * atan2(0.5 * camera->camera.height, fy) * 180 / PI);

@@ -14,14 +14,14 @@
 #include "sparegs/scene.h"
 
 // A registered photograph. A camera of width 0 takes its size from the image file; a positive
-// angle_x is then the horizontal field of view (radians), and a NaN principal point is the image
-// centre.
+// angle_x or angle_y is then the horizontal or vertical field of view (radians), and a NaN
+// principal point is the image centre.
 typedef struct sgsi_frame {
     char *name; // relative to the image folder, '/' separators; also the view's name
     char *mask; // mask named by the camera file, relative to the image folder, or NULL
     sgs_camera camera;
     sgs_pose pose;
-    double angle_x;
+    double angle_x, angle_y;
     sgs_split split; // if the files define it (dataset.has_split)
     uint64_t place;  // byte or line in the file, for errors
 } sgsi_frame;

@@ -125,8 +125,13 @@ static sgs_status fit_camera(const sgsi_frame *frame, const slot *s, const sgs_v
     if (camera.width == 0) {
         camera.width = s->file_width;
         camera.height = s->file_height;
-        if (frame->angle_x > 0)
-            camera.params[0] = camera.params[1] = 0.5 * s->file_width / tan(0.5 * frame->angle_x);
+        double *const focal = camera.params; // NaN where an angle takes its place
+        const double from_x = 0.5 * s->file_width / tan(0.5 * frame->angle_x),
+                     from_y = 0.5 * s->file_height / tan(0.5 * frame->angle_y);
+        if (frame->angle_x > 0 || frame->angle_y > 0)
+            focal[0] = frame->angle_x > 0 ? from_x : from_y;
+        if (isnan(focal[1]))
+            focal[1] = frame->angle_y > 0 ? from_y : focal[0];
         if (isnan(camera.params[2]))
             camera.params[2] = 0.5 * s->file_width;
         if (isnan(camera.params[3]))

@@ -9,10 +9,10 @@
 // uniform scale of the matrix does not affect rays and is removed. Rounding errors of its rotation
 // are repaired by polar decomposition; larger deviations from a rotation are errors.
 //
-// Intrinsics are global, per frame (these take precedence), or reduced to camera_angle_x; in the
-// last case the photograph's size completes them (see sgsi_frame). NeRF synthetic omits ".png" in
-// file_path and composites its RGBA images over white. Errors count frames from 0, as JSON paths
-// do.
+// Intrinsics are global, per frame (these take precedence), or reduced to camera_angle_x and
+// camera_angle_y; without w and h the photograph's size completes these (see sgsi_frame). NeRF
+// synthetic omits ".png" in file_path and composites its RGBA images over white. Errors count
+// frames from 0, as JSON paths do.
 
 #include "scene/transforms.h"
 
@@ -180,12 +180,11 @@ static sgs_status read_camera(const reader *r, const intrinsics *in, sgsi_frame 
         from_x = from_y = NAN; // distortion of the angle: no simple relation to the focal length
     p[0] = or_else(fl_x, or_else(from_x, or_else(fl_y, from_y)));
     p[1] = or_else(fl_y, isnan(fl_x) ? or_else(from_y, p[0]) : fl_x);
-    const bool completed_later = camera->width == 0 && isnan(p[0]) &&
-                                 !isnan(in->value[KEY_ANGLE_X]) &&
-                                 !sgs_camera_is_fisheye(camera->model);
-    if (completed_later)
-        frame->angle_x = in->value[KEY_ANGLE_X];
-    else if (isnan(p[0]))
+    if (camera->width == 0 && isnan(fl_x) && !sgs_camera_is_fisheye(camera->model)) {
+        frame->angle_x = or_else(in->value[KEY_ANGLE_X], 0); // completed by the photograph's size
+        frame->angle_y = isnan(fl_y) ? or_else(in->value[KEY_ANGLE_Y], 0) : 0;
+    }
+    if (isnan(p[0]) && !(frame->angle_x > 0 || frame->angle_y > 0))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
             "%s: %s: no focal length; add 'fl_x' (pixels) or 'camera_angle_x' (radians)", r->path,

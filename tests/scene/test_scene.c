@@ -568,6 +568,36 @@ static void cameras_without_a_size_take_the_given_one(void **state)
     tree_remove(&folder);
 }
 
+// Pixels need not be square: each angle gives the focal length of its axis.
+static void angles_complete_cameras_without_a_size(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *keys;
+        double fx, fy;
+    } angles[] = {
+        {"\"camera_angle_x\":1.5707963267948966,\"camera_angle_y\":0.9272952180016122", 10, 10},
+        {"\"camera_angle_x\":0.9272952180016122,\"camera_angle_y\":1.5707963267948966", 20, 5},
+        {"\"camera_angle_y\":0.9272952180016122", 10, 10},
+        {"\"camera_angle_x\":1.5707963267948966,\"fl_y\":7", 10, 7}};
+    for (size_t i = 0; i < sizeof angles / sizeof *angles; ++i) {
+        const temp_folder folder = temp_folder_make();
+        char text[512];
+        snprintf(text, sizeof text,
+                 "{%s,\"frames\":[{\"file_path\":\"a.png\",\"transform_matrix\":"
+                 "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}",
+                 angles[i].keys);
+        tree_put_text(&folder, "transforms.json", text);
+        tree_put_picture(&folder, "a.png", 20, 10, 3, glass);
+        sgs_scene *scene = load(folder.path, NULL);
+        const double *params = scene->views[0].camera.params;
+        if (!(fabs(params[0] - angles[i].fx) < 1e-9 && fabs(params[1] - angles[i].fy) < 1e-9))
+            fail_msg("%s: focal lengths %g and %g", angles[i].keys, params[0], params[1]);
+        sgs_scene_destroy(scene);
+        tree_remove(&folder);
+    }
+}
+
 static void nerfstudio_scenes_take_other_image_folders(void **state)
 {
     (void)state;
@@ -749,6 +779,7 @@ int main(void)
         cmocka_unit_test_setup(views_are_found_by_name, warnings_begin),
         cmocka_unit_test_setup(extent_is_measured_from_the_training_cameras, warnings_begin),
         cmocka_unit_test_setup(nerf_synthetic_scenes_have_a_white_background, warnings_begin),
+        cmocka_unit_test_setup(angles_complete_cameras_without_a_size, warnings_begin),
         cmocka_unit_test_setup(cameras_without_a_size_take_the_given_one, warnings_begin),
         cmocka_unit_test_setup(nerfstudio_scenes_take_other_image_folders, warnings_begin),
         cmocka_unit_test_setup(result_does_not_depend_on_threads, warnings_begin),

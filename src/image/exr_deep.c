@@ -166,7 +166,9 @@ static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
         const size_t own = job->first_sample[row + 1] - job->first_sample[row];
         max_samples = own > max_samples ? own : max_samples;
     }
-    if (deep->zip && !sgsi_exr_zip_reserve(deep->zip, LINE_BYTES_PER_SAMPLE * max_samples))
+    // The number of threads may have grown since the file was opened.
+    if (deep->zip &&
+        !sgsi_exr_zip_reserve(deep->zip, sgsi_threads(), LINE_BYTES_PER_SAMPLE * max_samples))
         return EXR_ERR_OUT_OF_MEMORY;
     sgsi_parallel_for((size_t)rows, 1, pack_line, job);
     exr_result_t result = EXR_ERR_SUCCESS;

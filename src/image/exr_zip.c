@@ -14,24 +14,19 @@
 #include "base/core.h"
 
 struct sgsi_exr_zip {
-    int threads;
+    int threads, level;
     size_t largest;
-    uint8_t *spare; // [threads][largest]
-    struct libdeflate_compressor *deflaters[];
+    uint8_t *spare;                           // [threads][largest]
+    struct libdeflate_compressor **deflaters; // [threads]
 };
 
 sgsi_exr_zip *sgsi_exr_zip_create(int threads, int level, size_t largest)
 {
-    sgsi_exr_zip *zip = sgsi_calloc(1, sizeof *zip + (size_t)threads * sizeof *zip->deflaters);
+    sgsi_exr_zip *zip = sgsi_calloc(1, sizeof *zip);
     if (!zip)
         return NULL;
-    zip->threads = threads;
-    bool complete = sgsi_exr_zip_reserve(zip, largest);
-    for (int k = 0; k < threads && complete; ++k) {
-        zip->deflaters[k] = libdeflate_alloc_compressor(level);
-        complete = zip->deflaters[k] != NULL;
-    }
-    if (complete)
+    zip->level = level;
+    if (sgsi_exr_zip_reserve(zip, threads, largest))
         return zip;
     sgsi_exr_zip_destroy(zip);
     return NULL;
@@ -41,16 +36,34 @@ void sgsi_exr_zip_destroy(sgsi_exr_zip *zip)
 {
     for (int k = 0; zip && k < zip->threads; ++k)
         libdeflate_free_compressor(zip->deflaters[k]);
-    if (zip)
+    if (zip) {
+        sgsi_free(zip->deflaters);
         sgsi_free(zip->spare);
+    }
     sgsi_free(zip);
 }
 
-bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, size_t largest)
+static bool add_threads(sgsi_exr_zip *zip, int threads)
 {
-    if (largest <= zip->largest)
+    if (!sgsi_grow((void **)&zip->deflaters, (size_t)zip->threads, (size_t)threads,
+                   sizeof *zip->deflaters))
+        return false;
+    for (; zip->threads < threads; ++zip->threads) {
+        zip->deflaters[zip->threads] = libdeflate_alloc_compressor(zip->level);
+        if (!zip->deflaters[zip->threads])
+            return false;
+    }
+    return true;
+}
+
+bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, int threads, size_t largest)
+{
+    if (threads <= zip->threads && largest <= zip->largest)
         return true;
+    if (threads > zip->threads && !add_threads(zip, threads))
+        return false;
     sgsi_free(zip->spare);
+    largest = largest > zip->largest ? largest : zip->largest;
     zip->spare = sgsi_alloc((size_t)zip->threads * largest, 1);
     zip->largest = zip->spare ? largest : 0;
     return zip->spare != NULL;

@@ -15,8 +15,8 @@ typedef struct sgsi_exr_zip sgsi_exr_zip;
 // Returns NULL if out of memory.
 sgsi_exr_zip *sgsi_exr_zip_create(int threads, int level, size_t largest);
 void sgsi_exr_zip_destroy(sgsi_exr_zip *zip);
-// Raises `largest`. Returns false if out of memory.
-bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, size_t largest);
+// Raises the number of threads and `largest`. Returns false if out of memory.
+bool sgsi_exr_zip_reserve(sgsi_exr_zip *zip, int threads, size_t largest);
 
 // Compresses `count` bytes of `raw` to out [count]. Returns the compressed size, or 0 if it would
 // not be smaller; `raw` is then stored as it is, which readers accept.

@@ -366,6 +366,35 @@ static void deep_files_are_readable_by_another_program(void **state)
     temp_folder_remove(&folder);
 }
 
+// Each thread has a compressor of its own.
+static void threads_may_grow_while_a_deep_file_is_open(void **state)
+{
+    (void)state;
+    static uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT];
+    static sgs_deep_sample samples[7 * SMALL_WIDTH * SMALL_HEIGHT];
+    random_samples(counts, samples);
+    const temp_folder folder = temp_folder_make();
+    const sgs_exr_info info = {.width = SMALL_WIDTH, .height = SMALL_HEIGHT};
+    uint8_t *bytes[2];
+    size_t sizes[2];
+    for (int run = 0; run < 2; ++run) {
+        const char *path = temp_path(&folder, "deep.exr");
+        sgs_exr_deep *deep;
+        sgs_threads_set(1);
+        assert_int_equal(sgs_exr_deep_open(path, &info, 7, &deep), SGS_STATUS_OK);
+        sgs_threads_set(run ? 8 : 1);
+        assert_int_equal(sgs_exr_deep_write(deep, SMALL_HEIGHT, counts, samples), SGS_STATUS_OK);
+        assert_int_equal(sgs_exr_deep_close(deep), SGS_STATUS_OK);
+        assert_int_equal(sgsi_file_read(path, 0, &bytes[run], &sizes[run]), SGS_STATUS_OK);
+    }
+    sgs_threads_set(0);
+    assert_int_equal(sizes[0], sizes[1]);
+    assert_memory_equal(bytes[0], bytes[1], sizes[0]);
+    for (int run = 0; run < 2; ++run)
+        sgsi_free(bytes[run]);
+    temp_folder_remove(&folder);
+}
+
 static void deep_write_failure_leaves_no_file(void **state)
 {
     (void)state;
@@ -428,6 +457,7 @@ int main(void)
         cmocka_unit_test(bits_do_not_depend_on_threads_or_samples),
         cmocka_unit_test(callback_failure_stops_the_render),
         cmocka_unit_test(deep_files_are_readable_by_another_program),
+        cmocka_unit_test(threads_may_grow_while_a_deep_file_is_open),
         cmocka_unit_test(deep_write_failure_leaves_no_file),
         cmocka_unit_test(deep_write_reports_failed_allocations),
     };

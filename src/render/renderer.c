@@ -196,6 +196,11 @@ static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
     return SGS_STATUS_OK;
 }
 
+static bool any_plane(float *const planes[3])
+{
+    return planes[0] || planes[1] || planes[2];
+}
+
 // AOVs beyond the basic ones, and the normals of the primitives if requested.
 static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
                               const sgs_render_options *options, const sgs_frame *frame)
@@ -206,9 +211,9 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
     memcpy(aov->position, frame->position, sizeof aov->position);
     memcpy(aov->rotation, view->rotation, sizeof aov->rotation);
     memcpy(aov->center, view->center, sizeof aov->center);
-    renderer->planes.aov =
-        aov->normal[0] || aov->position[0] || aov->primitive || aov->axis_depth ? aov : NULL;
-    if (!aov->normal[0])
+    const bool normal = any_plane(aov->normal), position = any_plane(aov->position);
+    renderer->planes.aov = normal || position || aov->primitive || aov->axis_depth ? aov : NULL;
+    if (!normal)
         return SGS_STATUS_OK;
     // Also for an empty model: the kernels write the plane only if there are normals.
     if (!renderer->normals || renderer->normal_count < renderer->model->count) {

@@ -72,7 +72,8 @@ static void store_normal(const sgsi_tile_target *target, int b, const block_sums
     const vm any = vf_gt(length, vf_set1(1e-12f));
     const vf scale = vf_keep(any, vf_div(vf_set1(1.0f), vf_select(any, length, vf_set1(1.0f))));
     for (int c = 0; c < 3; ++c)
-        store_block(target->aov->normal[c], target, b, vf_mul(sums->normal[c], scale));
+        if (target->aov->normal[c])
+            store_block(target->aov->normal[c], target, b, vf_mul(sums->normal[c], scale));
 }
 
 static void store_position(const sgsi_tile_target *target, int b, vec3 direction, vf mean, vm any)
@@ -80,8 +81,9 @@ static void store_position(const sgsi_tile_target *target, int b, vec3 direction
     const vec3 x = rotate3_back(target->aov->rotation, scale3(direction, mean));
     const vf point[3] = {x.x, x.y, x.z};
     for (int c = 0; c < 3; ++c)
-        store_block(target->aov->position[c], target, b,
-                    vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
+        if (target->aov->position[c])
+            store_block(target->aov->position[c], target, b,
+                        vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
 }
 
 static void visit_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b,
@@ -108,7 +110,7 @@ static void write_aovs(const sgsi_scratch *s, const sgsi_tile_target *target, in
                        const block_rays *block, uint32_t count, vf end)
 {
     const sgsi_aov *aov = target->aov;
-    const float *normals = aov && aov->normal[0] ? aov->normals : NULL;
+    const float *normals = aov ? aov->normals : NULL;
     const bool identify = aov && aov->primitive;
     const uint32_t *order = s->order + (size_t)b * s->capacity;
     const block_sums sums = normals    ? sum_block(s, order, count, normals, true)
@@ -131,7 +133,7 @@ static void write_aovs(const sgsi_scratch *s, const sgsi_tile_target *target, in
         store_block(target->hits, target, b, sums.hits);
     if (normals)
         store_normal(target, b, &sums);
-    if (aov && aov->position[0])
+    if (aov && (aov->position[0] || aov->position[1] || aov->position[2]))
         store_position(target, b, direction, mean, any);
     if (identify)
         store_block((float *)aov->primitive, target, b, sums.primitive);

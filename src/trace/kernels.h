@@ -90,12 +90,12 @@ typedef struct sgsi_block_hits {
     uint64_t *spare; // [count] scratch of the callback
 } sgsi_block_hits;
 
-// AOVs beyond colour and distances. Planes have the stride of the target; each may be NULL (of
-// three, all or none).
+// AOVs beyond colour and distances. Planes have the stride of the target; each may be NULL.
 typedef struct sgsi_aov {
     float *normal[3], *position[3]; // world axes
     uint32_t *primitive;
-    const float *normals; // [count][4]: normal of each primitive, world axes; required by `normal`
+    // [count][4]: normal of each primitive, world axes; NULL without a plane of `normal`.
+    const float *normals;
     float rotation[9], center[3]; // of the view; required by `position`
     bool axis_depth;              // measure distances along the camera axis
     // Called by all threads for each block with its hits; may be NULL.

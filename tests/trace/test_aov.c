@@ -385,6 +385,37 @@ static void unrequested_planes_are_null(void **state)
     oracle_scene_free(&scene);
 }
 
+// Components of normal and position are planes of their own.
+static void each_component_is_rendered_alone(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(9, 200, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 33, 21);
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    const sgs_render_options options = sgs_render_options_default();
+    sgs_frame all = drawn(scene.model, &camera, &pose, &options, SGS_AOVS_ALL), frame;
+    sgs_renderer *renderer;
+    assert_int_equal(sgs_renderer_create(scene.model, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create_with(33, 21, SGS_AOV_NORMAL | SGS_AOV_POSITION, &frame),
+                     SGS_STATUS_OK);
+    for (int k = 0; k < 6; ++k) {
+        const int c = k % 3;
+        sgs_frame one = frame;
+        memset(one.normal, 0, sizeof one.normal);
+        memset(one.position, 0, sizeof one.position);
+        float **plane = k < 3 ? &one.normal[c] : &one.position[c];
+        *plane = k < 3 ? frame.normal[c] : frame.position[c];
+        assert_int_equal(sgs_renderer_render(renderer, &camera, &pose, &options, &one),
+                         SGS_STATUS_OK);
+        assert_memory_equal(*plane, k < 3 ? all.normal[c] : all.position[c],
+                            33 * 21 * sizeof(float));
+    }
+    sgs_frame_free(&frame);
+    sgs_frame_free(&all);
+    sgs_renderer_destroy(renderer);
+    oracle_scene_free(&scene);
+}
+
 // A frame with other values, as one that is used again.
 static void an_empty_model_overwrites_every_plane(void **state)
 {
@@ -454,6 +485,7 @@ int main(void)
         cmocka_unit_test(depth_of_planes_is_true),
         cmocka_unit_test(depth_of_spheres_is_true),
         cmocka_unit_test(unrequested_planes_are_null),
+        cmocka_unit_test(each_component_is_rendered_alone),
         cmocka_unit_test(an_empty_model_overwrites_every_plane),
         cmocka_unit_test(bits_do_not_depend_on_threads),
     };

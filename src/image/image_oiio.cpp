@@ -530,8 +530,13 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
         if (opened)
             return opened;
         const OIIO::ImageSpec &spec = input->spec();
-        *info = {spec.width, spec.height, layout.channels, spec.format == OIIO::TypeDesc::UINT8,
-                 colors.encoding != Encoding::srgb};
+        *info = {spec.width,
+                 spec.height,
+                 layout.channels,
+                 spec.format == OIIO::TypeDesc::UINT8,
+                 colors.encoding != Encoding::srgb,
+                 spec.full_width,
+                 spec.full_height};
         return SGS_STATUS_OK;
     });
 }

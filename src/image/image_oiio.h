@@ -27,6 +27,9 @@ typedef struct sgsi_image_info {
     int channels; // 3, or 4 with alpha
     bool bytes;   // 8-bit samples
     bool linear;  // sgsi_oiio_read_rows returns linear light; otherwise sRGB-encoded values
+    // Of the picture that the file holds a part of, or that is a part of it (EXR: of the display
+    // window); usually those of the pixels.
+    int full_width, full_height;
 } sgsi_image_info;
 
 // Reads the header. `colorspace` overrides the file's colour space; NULL = use the file's, or if

@@ -52,6 +52,21 @@ size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width,
            sgs_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
+sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info,
+                                   const sgs_camera *camera)
+{
+    const bool whole = info->width == info->full_width && info->height == info->full_height,
+               own = camera->width == info->width && camera->height == info->height;
+    const double stretch =
+        (double)info->full_width * camera->height / ((double)info->full_height * camera->width);
+    if (whole || own || !camera->width || !(fabs(stretch - 1) <= 0.02))
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_FORMAT,
+                     "%s: its data window has %d x %d pixels, the display window %d x %d, and the "
+                     "camera is that of the latter; save it with equal windows",
+                     path, info->width, info->height, info->full_width, info->full_height);
+}
+
 static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image)
 {
     sgs_status status = sgs_image8_read(source->image_path, image);

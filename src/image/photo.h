@@ -64,6 +64,11 @@ double sgsi_light_quantile(const sgsi_light *light, double share);
 // True if such a photograph is kept in 8 bits, false if in half floats.
 bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space);
 
+// Fails with FORMAT for an EXR whose data window differs from its display window, unless the camera
+// has the size of the data window or not the shape of the display window: it would be stretched.
+sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info,
+                                   const sgs_camera *camera);
+
 // Decoded size in bytes of such a photograph at this resolution, including a mask.
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height);
 

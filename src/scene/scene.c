@@ -182,6 +182,8 @@ static void probe_photo(const loader *l, size_t i)
         s->status = sgsi_image_check_complete(path);
     if (!s->status)
         s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);
+    if (!s->status)
+        s->status = sgsi_photo_check_window(path, &info, &l->dataset.frames[i].camera);
     set_size(l, s, info.width, info.height);
     s->channels = info.channels;
     s->linear = info.linear;

@@ -649,7 +649,7 @@ static void put_attribute(buffer *b, const char *name, const char *type, int siz
 }
 
 // The header and an empty table of offsets of a file with large tiles.
-static void put_large_tiles(const char *path)
+static void put_large_tiles(const char *path, int display_side)
 {
     enum { SIDE = 16384, WIDE = 64, OFFSETS = SIDE / WIDE };
     static buffer b;
@@ -671,8 +671,8 @@ static void put_large_tiles(const char *path)
     for (int k = 0; k < 2; ++k) {
         put_attribute(&b, k ? "displayWindow" : "dataWindow", "box2i", 16);
         put_integer(&b, 0, 8);
-        put_integer(&b, SIDE - 1, 4);
-        put_integer(&b, SIDE - 1, 4);
+        put_integer(&b, (uint64_t)(k ? display_side : SIDE) - 1, 4);
+        put_integer(&b, (uint64_t)(k ? display_side : SIDE) - 1, 4);
     }
     put_attribute(&b, "lineOrder", "lineOrder", 1);
     put_integer(&b, 0, 1);
@@ -697,7 +697,7 @@ static void tiles_larger_than_the_limit_are_refused(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     const char *path = temp_path(&folder, "a.exr");
-    put_large_tiles(path);
+    put_large_tiles(path, 16384);
     int rows = 0;
     assert_int_equal(sgsi_oiio_read_rows(path, NULL, check_tiled_row, &rows), SGS_STATUS_LIMIT);
     assert_holds(sgs_last_error(), "a.exr: 16384 rows of 16384 pixels with 3 channels exceed");
@@ -705,9 +705,33 @@ static void tiles_larger_than_the_limit_are_refused(void **state)
     tree_remove(&folder);
 }
 
+// A camera of the display window does not belong to the pixels of another data window.
+static void cameras_of_the_display_window_refuse_another_data_window(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.exr");
+    for (int display = 8192; display <= 32768; display *= 2)
+        for (int side = 8192; side <= 65536; side *= 2)
+            for (int height = side / 2; height <= side; height += side / 2) {
+                const sgs_camera camera = {SGS_CAMERA_PINHOLE, side, height, {9, 9, 9, 9}};
+                const bool stretched = display != 16384 && side != 16384 && height == side;
+                sgsi_image_info info;
+                put_large_tiles(path, display);
+                assert_int_equal(sgsi_oiio_describe(path, NULL, &info), SGS_STATUS_OK);
+                assert_true(info.width == 16384 && info.full_width == display &&
+                            info.full_height == display);
+                assert_int_equal(sgsi_photo_check_window(path, &info, &camera),
+                                 stretched ? SGS_STATUS_FORMAT : SGS_STATUS_OK);
+            }
+    assert_holds(sgs_last_error(), "a.exr: its data window has 16384 x 16384 pixels");
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(cameras_of_the_display_window_refuse_another_data_window),
         cmocka_unit_test(halves_round_to_nearest),
         cmocka_unit_test(linear_light_is_encoded_as_srgb),
         cmocka_unit_test(scaling_linear_light_changes_no_bit),

@@ -452,14 +452,16 @@ bool sgs_camera_project(const sgs_camera *camera, const double point[3], double 
     return isfinite(pixel[0]) && isfinite(pixel[1]);
 }
 
-// r with r g(r^2) = target, by Newton steps inside a bracket; bisection where Newton leaves it.
+// r with r g(r^2) = target, by Newton steps inside a bracket; bisection where Newton leaves it or
+// does not end: it can jump between two points while the bracket hardly shrinks.
 static bool invert_radial(const lens *l, double target, double *r)
 {
+    enum { NEWTON_STEPS = 60, STEPS = 200 };
     double low = 0, high = isinf(l->limit) ? 1e6 : l->limit, slope;
     if (!(high * radial_factor(l, high * high, &slope) >= target))
         return false;
     double x = fmin(target, high);
-    for (int step = 0; step < 200; ++step) {
+    for (int step = 0; step < STEPS; ++step) {
         const double g = radial_factor(l, x * x, &slope);
         const double error = x * g - target;
         *(error > 0 ? &high : &low) = x;
@@ -469,7 +471,7 @@ static bool invert_radial(const lens *l, double target, double *r)
         double next = x - error / h;
         if (h > 0 && fabs(next - x) <= 2e-16 * x && fabs(error) <= 1e-12 * target)
             break; // tiny steps near a pole do not mean convergence
-        if (!(h > 0) || !(next > low && next < high))
+        if (!(h > 0) || !(next > low && next < high) || step >= NEWTON_STEPS)
             next = 0.5 * (low + high);
         x = next;
     }

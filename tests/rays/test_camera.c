@@ -232,6 +232,22 @@ static void every_projected_direction_round_trips(void **state)
     }
 }
 
+// Newton's method jumps between two points near this radius of a lens.
+static void inversion_ends_where_newton_steps_do_not(void **state)
+{
+    (void)state;
+    const sgs_camera camera = {
+        SGS_CAMERA_RADIAL, 640, 480, {277.6, 320, 240, 0.67572117187811886, -0.35977268606937929}};
+    for (int i = 0; i < 3000; ++i) {
+        const double r = 0.909653 + 1e-9 * i, point[3] = {r, 0, 1};
+        double pixel[2], direction[3];
+        assert_true(sgs_camera_project(&camera, point, pixel));
+        assert_true(sgs_camera_unproject(&camera, pixel, direction));
+        if (!(fabs(direction[0] / direction[2] - r) < 1e-9))
+            fail_msg("radius %.17g comes back as %.17g", r, direction[0] / direction[2]);
+    }
+}
+
 static void barrel_distortion_is_rejected_beyond_its_fold(void **state)
 {
     (void)state;
@@ -556,6 +572,7 @@ int main(void)
         cmocka_unit_test(every_pixel_round_trips),
         cmocka_unit_test(reframing_keeps_the_pixel_aspect),
         cmocka_unit_test(every_projected_direction_round_trips),
+        cmocka_unit_test(inversion_ends_where_newton_steps_do_not),
         cmocka_unit_test(barrel_distortion_is_rejected_beyond_its_fold),
         cmocka_unit_test(second_monotonic_branch_of_a_polynomial_is_rejected),
         cmocka_unit_test(pole_of_the_rational_model_is_rejected),

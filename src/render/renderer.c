@@ -274,8 +274,10 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
         return status;
     sgsi_view_set(view, rays, pose, &padded);
     status = sgsi_tracer_project(renderer->tracer, renderer->model, view, NULL, NULL);
+    // Candidates are those of a tree over this view, whatever was rendered before.
+    const bool rebuild = renderer->changed || frame->candidates;
     if (!status)
-        status = sgsi_tracer_commit(renderer->tracer, renderer->changed, SGSI_BVH_REFIT);
+        status = sgsi_tracer_commit(renderer->tracer, rebuild, SGSI_BVH_REFIT);
     renderer->changed = renderer->changed && status;
     if (!status)
         status = prepare_aov(renderer, view, options, frame);

@@ -453,6 +453,38 @@ static void an_empty_model_overwrites_every_plane(void **state)
     sgs_gaussians_destroy(empty);
 }
 
+// The tree of an earlier view, or of the model before it moved, has other boxes.
+static void bits_do_not_depend_on_earlier_renderings(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(9, 1500, NULL);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 90, 70);
+    const sgs_render_options options = sgs_render_options_default();
+    sgs_renderer *renderer;
+    sgs_frame frame;
+    assert_int_equal(sgs_renderer_create(scene.model, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create_with(90, 70, SGS_AOVS_ALL, &frame), SGS_STATUS_OK);
+    for (int k = 0; k < 5; ++k) {
+        const sgs_pose pose = oracle_pose_look_at(1 - k, 2 - k, -4 + 2 * k);
+        for (size_t i = 0; k == 3 && i < scene.count; ++i)
+            *sgs_gaussians_at(scene.model, i, SGS_PARAM_MEAN) += i % 2 ? 0.5f : -0.5f;
+        sgs_renderer_refit(renderer);
+        assert_int_equal(sgs_renderer_render(renderer, &camera, &pose, &options, &frame),
+                         SGS_STATUS_OK);
+        sgs_frame alone = drawn(scene.model, &camera, &pose, &options, SGS_AOVS_ALL);
+        size_t count;
+        const sgs_aov *aovs = sgs_aov_descriptors(&count);
+        for (size_t a = 0; a < count; ++a)
+            for (int c = 0; c < aovs[a].channels; ++c)
+                assert_memory_equal(sgs_aov_plane(&aovs[a], &frame, c),
+                                    sgs_aov_plane(&aovs[a], &alone, c), 90 * 70 * sizeof(float));
+        sgs_frame_free(&alone);
+    }
+    sgs_frame_free(&frame);
+    sgs_renderer_destroy(renderer);
+    oracle_scene_free(&scene);
+}
+
 static void bits_do_not_depend_on_threads(void **state)
 {
     (void)state;
@@ -487,6 +519,7 @@ int main(void)
         cmocka_unit_test(unrequested_planes_are_null),
         cmocka_unit_test(each_component_is_rendered_alone),
         cmocka_unit_test(an_empty_model_overwrites_every_plane),
+        cmocka_unit_test(bits_do_not_depend_on_earlier_renderings),
         cmocka_unit_test(bits_do_not_depend_on_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -196,6 +196,8 @@ static json_t *value_json(int k, const sgs_frame *frame, const region_map *regio
                                                               : json_null();
     if (row->made == AOV_MADE_SLACK)
         return any ? json_number((double)regions->slack[id]) : json_null();
+    if (!sgs_aov_plane(source, frame, 0))
+        return json_null();
     if (source->type == SGS_AOV_TYPE_UINT)
         return id == SGS_NO_PRIMITIVE ? json_null() : json_integer(id);
     for (int c = 0; c < source->channels; ++c)
@@ -203,13 +205,17 @@ static json_t *value_json(int k, const sgs_frame *frame, const region_map *regio
     return numbers_json(values, source->channels);
 }
 
-// All quantities of a camera of one pixel, as the picture of quantity `aov` shows them.
+// All quantities of a camera of one pixel, as the picture of quantity `aov` shows them. The number
+// of candidates only if it is shown, because it requires a new BVH.
 static bool render_pixel(view_painter *painter, const view_request *request,
                          const sgs_camera *pixel, int aov, sgs_frame *frame)
 {
     const sgs_render_options options = drawing_render_options(&painter->source->drawing);
     sgs_renderer *renderer = renderer_for(painter, request, aov);
-    return renderer && !sgs_frame_create_with(1, 1, SGS_AOVS_ALL, frame) &&
+    const unsigned planes = request->aov == AOV_INDEX_CANDIDATES
+                                ? SGS_AOVS_ALL
+                                : SGS_AOVS_ALL & ~(unsigned)SGS_AOV_CANDIDATES;
+    return renderer && !sgs_frame_create_with(1, 1, planes, frame) &&
            !sgs_renderer_render(renderer, pixel, &request->pose, &options, frame);
 }
 

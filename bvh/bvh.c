@@ -99,10 +99,23 @@ static sgs_status embree_failure(int error, const char *doing)
     }
 }
 
+// Embree's two-level builder opens the boxes of up to four primitives. It ends the program if all
+// are the same point, as those of primitives that the view cannot see.
+enum { FEW = 8 };
+
+static void widen_point(float lower[3], float upper[3])
+{
+    for (int k = 0; k < 3; ++k)
+        upper[k] = fmaxf(upper[k], lower[k] + fmaxf(1e-6f * fabsf(lower[k]), 1e-30f));
+}
+
 static void copy_bounds(const struct RTCBoundsFunctionArguments *arguments)
 {
     const sgsi_bvh *bvh = arguments->geometryUserPtr;
-    memcpy(arguments->bounds_o, &bvh->bounds[arguments->primID], sizeof(sgsi_bounds));
+    sgsi_bounds box = bvh->bounds[arguments->primID];
+    if (bvh->count < FEW)
+        widen_point(box.lower, box.upper);
+    memcpy(arguments->bounds_o, &box, sizeof box);
 }
 
 static void note_primitive(const struct RTCOccludedFunctionNArguments *arguments)

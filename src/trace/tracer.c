@@ -267,9 +267,9 @@ sgs_status sgsi_tracer_commit(sgsi_tracer *tracer, bool rebuild, sgsi_bvh_qualit
     const sgs_status status =
         rebuild ? sgsi_bvh_build(tracer->bvh, tracer->bounds, tracer->count, quality)
                 : sgsi_bvh_refit(tracer->bvh);
+    tracer->built_count = status ? 0 : tracer->count; // after a failure only a build may follow
     if (status)
         return status;
-    tracer->built_count = tracer->count;
     *(rebuild ? &tracer->seconds.bvh_build : &tracer->seconds.bvh_refit) = sgsi_seconds() - start;
     return SGS_STATUS_OK;
 }

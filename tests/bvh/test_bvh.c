@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "bvh/bvh.h"
+#include "sparegs/render.h"
 #include "base/core.h"
 #include "base/threads.h"
 
@@ -409,6 +410,53 @@ static void a_missing_scene_or_geometry_fails_the_build_only(void **state)
     sgsi_free(boxes);
 }
 
+// Embree asserts that the boxes of a small scene have a size.
+static void few_boxes_at_one_point_are_built_and_refitted(void **state)
+{
+    (void)state;
+    static const float places[] = {0, 1e-20f, -3, 1e18f};
+    for (size_t count = 1; count <= 10; ++count)
+        for (int k = 0; k < 4 * SGSI_BVH_QUALITY_COUNT; ++k) {
+            sgsi_bounds boxes[10];
+            sgsi_bvh *bvh;
+            memset(boxes, 0, sizeof boxes);
+            for (size_t i = 0; i < count; ++i)
+                for (int axis = 0; axis < 3; ++axis)
+                    boxes[i].lower[axis] = boxes[i].upper[axis] = places[k % 4];
+            assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OK);
+            assert_int_equal(sgsi_bvh_build(bvh, boxes, count, (sgsi_bvh_quality)(k / 4)),
+                             SGS_STATUS_OK);
+            assert_int_equal(sgsi_bvh_refit(bvh), SGS_STATUS_OK);
+            sgsi_bvh_destroy(bvh);
+        }
+}
+
+// A refit of the missing tree would crash.
+static void a_rendering_after_a_failed_build_builds_again(void **state)
+{
+    (void)state;
+    const sgs_camera camera = {SGS_CAMERA_PINHOLE, 20, 10, {20, 20, 10, 5}};
+    const sgs_pose pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    sgs_gaussians *model;
+    sgs_renderer *renderer;
+    sgs_frame plain, counted;
+    assert_int_equal(sgs_gaussians_create(3, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, 3), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_create(model, &renderer), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create_with(20, 10, 0, &plain), SGS_STATUS_OK);
+    assert_int_equal(sgs_frame_create_with(20, 10, SGS_AOV_CANDIDATES, &counted), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(renderer, &camera, &pose, NULL, &plain), SGS_STATUS_OK);
+    geometry_fails = true; // of the tree that the number of candidates requires
+    assert_int_equal(sgs_renderer_render(renderer, &camera, &pose, NULL, &counted),
+                     SGS_STATUS_INTERNAL);
+    geometry_fails = false;
+    assert_int_equal(sgs_renderer_render(renderer, &camera, &pose, NULL, &plain), SGS_STATUS_OK);
+    sgs_frame_free(&plain);
+    sgs_frame_free(&counted);
+    sgs_renderer_destroy(renderer);
+    sgs_gaussians_destroy(model);
+}
+
 // Includes the first refit: Embree rebuilds a geometry that becomes refittable after its first
 // commit.
 static void every_refit_is_cheaper_than_a_build(void **state)
@@ -461,6 +509,8 @@ int main(void)
         cmocka_unit_test(axis_aligned_rays_in_a_grid_lose_no_box),
         cmocka_unit_test(failed_list_growth_is_reported_and_list_stays_usable),
         cmocka_unit_test(a_missing_scene_or_geometry_fails_the_build_only),
+        cmocka_unit_test(few_boxes_at_one_point_are_built_and_refitted),
+        cmocka_unit_test(a_rendering_after_a_failed_build_builds_again),
         cmocka_unit_test(every_refit_is_cheaper_than_a_build),
         cmocka_unit_test(memory_use_is_counted),
     };

@@ -81,6 +81,12 @@ grep -q "Variants of 3dgs" "$folder/out/report.md"
 share=$(jq -r '.seconds | 100 * .spare / (.spare + .density + .bvh_build)' "$folder/out/runs/room/mip/on/seed_0/summary.json")
 grep -E '^\| mip \| on \|' "$folder/out/report.md" | grep -qF "| $(printf '%.2f' "$share") % |" || { echo "FAIL: share of $share:"; grep '^| mip' "$folder/out/report.md"; exit 1; }
 
+# A scene overrides the plan and a variant both, with either spelling of an option.
+jq '.options += {iterations: 20, downscale: 16, spare_grid: 16} | .scenes[0].options["spare-grid"] = 8 | .pipelines = ["3dgs"] |
+    .variants = [{name: "on"}, {name: "four", options: {spare_grid: 4}}]' "$folder/same.json" >"$folder/spelled.json"
+"$SPAREGS_PROGRAM" experiment "$folder/spelled.json" -o "$folder/spelled" --quiet
+[ "$(jq .options.spare_grid "$folder"/spelled/runs/room/3dgs/{on,four}/seed_0/config.json | xargs)" = "8 4" ]
+
 # Data sets: the changes of their means, weighted by their scenes, as in Table I. Figures by hand: x has 100 -> 80 and
 # 300 -> 200 primitives (-30 %), y 50 -> 45 (-10 %); (2 * -30 - 10) / 3 = -23.3 %.
 mkdir -p "$folder/sets"

@@ -46,6 +46,24 @@ refused 'the plan contains no runs' '.variants = [{name: "on", pipelines: ["mip"
 refused 'the plan has more than 10000 runs; divide it' '.seeds = [range(5001)]'
 refused '"seeds" has 10001 entries; the limit is 10000' '.seeds = [range(10001)]'
 
+# '-' and '_' in the name of an option are the same
+refused "\"options\" names an option twice, with '-' and with '_'" '.options += {spare_grid: 8, "spare-grid": 16}'
+refused "variant on: \"options\" names an option twice" '.variants = [{name: "on", options: {"sh-degree": 1, sh_degree: 2}}]'
+
+# options_without_effect_on_results_may_change, and a spelling; numbers are compared as they are stored
+settings=$temporary/settings/runs/room/3dgs/on/seed_0
+mkdir -p "$settings"
+changed() { # STATUS STORED-OPTIONS OPTIONS
+    jq -n "{scene: \"$room\", pipeline: \"3dgs\", seed: 0, options: ({iterations: 70, eval: true} + $2)}" >"$settings/experiment.json"
+    jq ".variants = [{name: \"on\"}] | .options += $3" <<<"$base" >"$plan"
+    run "$1" experiment "$plan" -o "$temporary/settings" --check
+}
+changed 0 '{max_memory: "2G", time_limit: "1h"}' '{max_memory: "3G"}'
+changed 0 '{"max-memory": "2G", "sh-degree": 1}' '{max_memory: "3G", sh_degree: 1}'
+changed 0 '{spare_tau_alpha: 0.0500000001}' '{spare_tau_alpha: 0.05000000012}'
+changed 1 '{spare_tau_alpha: 0.05}' '{"spare-tau-alpha": 0.06}'
+reports "was trained with spare_tau_alpha 0.05"
+
 # paths_are_relative_to_the_plan and input files exist
 missing() { # OPTION PATH CHANGE
     refused "option '$1': $temporary/$2 does not exist; paths are relative to the plan" "$3"

@@ -29,6 +29,7 @@ refused 'post: prune: method: unknown word' '[{"prune": {"method": "refined"}}]'
 refused 'post: prune: ratios: unknown option' '[{"prune": {"method": "refine", "ratios": 0.5}}]'
 refused 'post: prune: ratio: expected shares from 0 to less than 1' '[{"prune": {"method": "refine", "ratio": [0.5, 1]}}]'
 refused 'post: prune: ratio: the list is empty' '[{"prune": {"method": "refine", "ratio": []}}]'
+refused 'post: prune: ratio: two points of the list are the same' '[{"prune": {"method": "refine", "ratio": [0.5, 0.7, 0.5]}}]'
 refused 'post: prune: output: is set by the experiment' '[{"prune": {"method": "refine", "output": "x"}}]'
 refused 'post: prune: finetune: out of range' '[{"prune": {"method": "refine", "finetune": -1}}]'
 refused 'post: prune: fisher_downscale: has no effect with this method' '[{"prune": {"method": "refine", "fisher_downscale": 2}}]'
@@ -72,6 +73,16 @@ run 0 experiment "$plan" -o "$out" --quiet
 check other_options_are_repeated test "$(find "$model/post/pup" -name '*.json' -newermt 2002-01-01 | wc -l)" -eq 2
 json "$out/results.json" '[.runs[].post | length] == [6, 8]'
 
+# a_point_of_many_digits_has_a_result and is not repeated
+write_plan "${steps/\"fisher_downscale\": 2/\"fisher_downscale\": 1}"
+jq '.post += [{prune: {method: "refine", ratio: 0.60000000001}, name: "digits", variants: ["on"]}]' "$plan" >"$plan.2"
+for time in first second; do
+    run 0 experiment "$plan.2" -o "$out"
+    check "result_of_the_$time" test "$(jq '[.runs[].post[] | select(.step == "digits")] | length' "$out/results.json")" = 1
+done
+check the_point_is_not_repeated bash -c "! grep -F 'digits, 0.6' '$temporary/stderr'"
+run 0 experiment "$plan" -o "$out" --quiet
+
 # tables_have_the_bd_figures
 run 0 report "$out" --pictures 0 --maps 0
 for k in 0 1; do
@@ -98,6 +109,19 @@ jq -n '{plan: {pipelines: ["3dgs"], variants: [{name: "off"}, {name: "on"}],
     >"$temporary/hand/results.json"
 run 0 report "$temporary/hand" --pictures 0 --maps 0
 check figures_by_hand grep -qF '| 3dgs | prune-refine | x | all |  |  |  |  |  |  |  |  |  |  | -50.0 % | -50.00 % |' "$temporary/hand/report.md"
+# A scene without a result at one point does not count: with b at other points the means form no curve.
+jq '(.runs[] | select(.scene == "b")) |= (.post |= map(select(.point != "0.5")) | .post[].bytes *= 100 | .post[].test.psnr += 3)' \
+    "$temporary/hand/results.json" >"$temporary/hand/partial.json"
+mv "$temporary/hand/partial.json" "$temporary/hand/results.json"
+run 0 report "$temporary/hand" --pictures 0 --maps 0
+check only_a_counts grep -qF '| 3dgs | prune-refine | x | 0.3 | 4.00 | 4.00 | 30.00 |' "$temporary/hand/report.md"
+check bd_of_a_alone grep -qF '| 3dgs | prune-refine | x | all |  |  |  |  |  |  |  |  |  |  | -50.0 % | -50.00 % |' "$temporary/hand/report.md"
+# A variant that one of two scenes has is compared with variant off of this scene.
+jq '.plan.variants += [{name: "t"}] | .runs[].summary.gaussians = 100 | (.runs[] | select(.scene == "b")).summary.gaussians = 1000 |
+    .runs += [.runs[0] | .variant = "t" | .summary.gaussians = 80]' "$temporary/hand/results.json" >"$temporary/hand/variant.json"
+mv "$temporary/hand/variant.json" "$temporary/hand/results.json"
+run 0 report "$temporary/hand" --pictures 0 --maps 0
+check variant_of_one_scene grep -qE '^\| t \| 80 \| .*\| -20.0 % \| \+0.0 % \|' "$temporary/hand/report.md"
 check lpips_replaces_flip grep -qF '| base SSIM | base LPIPS |' "$temporary/hand/report.md"
 
 finish

@@ -22,6 +22,8 @@
 #include "sparegs/model_file.h"
 #include "sparegs/run.h"
 
+enum { STORED_DIGITS = 9 }; // of the numbers in JSON files
+
 char *format_text(const char *format, ...)
 {
     char *text = NULL;
@@ -158,9 +160,17 @@ bool write_text(const char *path, const char *text)
     return written || fail_file(path, "cannot be written", code);
 }
 
+json_t *json_as_stored(const json_t *value)
+{
+    char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(STORED_DIGITS));
+    json_t *stored = text ? json_loads(text, JSON_DECODE_ANY, NULL) : NULL;
+    free(text);
+    return stored;
+}
+
 bool write_json(const char *path, json_t *root)
 {
-    char *text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(9));
+    char *text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(STORED_DIGITS));
     json_decref(root);
     if (!text)
         return fail_file(path, "cannot be written", ENOMEM);

@@ -33,6 +33,8 @@ int free_number(const char *folder, const char *stem, const char *ending);
 bool write_text(const char *path, const char *text);
 // Writes indented JSON with a final newline. Steals the reference to `root`.
 bool write_json(const char *path, json_t *root);
+// A copy with numbers as write_json stores them. NULL without memory.
+json_t *json_as_stored(const json_t *value);
 // Makes `root` the result that is printed to stdout when the command ends (json_result.h). Steals
 // the reference; always true.
 bool print_json(json_t *root);

@@ -63,9 +63,9 @@ static json_t *finished(const experiment_run *run)
 // Options that may change between sessions, because results do not depend on them.
 static bool is_free(const char *key)
 {
-    static const char *const names[] = {"threads",    "isa",        "image-cache",
-                                        "max-memory", "time-limit", "checkpoint-every",
-                                        "save-at",    "trace"};
+    static const char *const names[] = {"threads",    "isa",        "image_cache",
+                                        "max_memory", "time_limit", "checkpoint_every",
+                                        "save_at",    "trace"};
     for (size_t k = 0; k < sizeof names / sizeof *names; ++k)
         if (!strcmp(key, names[k]))
             return true;
@@ -116,6 +116,8 @@ static bool plan_agrees(const experiment_run *run)
 {
     char *path = settings_path(run);
     json_t *old = load_json(path, 0, NULL);
+    if (json_is_object(json_object_get(old, "options")))
+        json_object_set_new(old, "options", experiment_plan_options(json_object_get(old, "options")));
     const bool agrees = !old || same_members(run, old, run->settings);
     json_decref(old);
     free(path);

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/progress.h"
 #include "report/table_rows.h"
 #include "sparegs/rate_distortion.h"
 
@@ -84,15 +85,50 @@ static figures scene_figures(const selection *chosen, const char *scene, const c
     return mean;
 }
 
-// Means over the scenes of the group that have results of both variants.
-static void group_figures(const selection *chosen, const char *point, figures *base, figures *ours)
+// True if the scene has results of both variants at the point.
+static bool has_results(const selection *chosen, const char *scene, const char *point)
+{
+    return !isnan(scene_figures(chosen, scene, "off", point).values[BYTES]) &&
+           !isnan(scene_figures(chosen, scene, "on", point).values[BYTES]);
+}
+
+// The scenes of the group that have results at all points at which any of them has. Means over
+// different scenes would not form a curve. Release with free().
+static bool *complete_scenes(const selection *chosen, const json_t *points)
+{
+    const json_t *scenes = json_object_get(chosen->plan, "scenes");
+    const size_t count = json_array_size(scenes);
+    bool *complete = calloc(count + 1, sizeof *complete), *has = calloc(count + 1, sizeof *has);
+    if (!complete || !has)
+        exit(fail_run("out of memory"));
+    for (size_t s = 0; s < count; ++s)
+        complete[s] = is_selected(chosen, json_array_get(scenes, s));
+    for (size_t k = 0; k < json_array_size(points); ++k) {
+        const char *point = json_string_value(json_array_get(points, k));
+        bool any = false;
+        for (size_t s = 0; s < count; ++s) {
+            const json_t *scene = json_array_get(scenes, s);
+            has[s] = is_selected(chosen, scene) &&
+                     has_results(chosen, json_member_text(scene, "name"), point);
+            any = any || has[s];
+        }
+        for (size_t s = 0; s < count && any; ++s)
+            complete[s] = complete[s] && has[s];
+    }
+    free(has);
+    return complete;
+}
+
+// Means over the scenes that count. NaN without one, or without a result.
+static void group_figures(const selection *chosen, const char *point, const bool *counts,
+                          figures *base, figures *ours)
 {
     const json_t *scenes = json_object_get(chosen->plan, "scenes");
     double count = 0;
     *base = *ours = (figures){{0}};
     for (size_t s = 0; s < json_array_size(scenes); ++s) {
         const json_t *scene = json_array_get(scenes, s);
-        if (!is_selected(chosen, scene))
+        if (!counts[s])
             continue;
         const figures off = scene_figures(chosen, json_member_text(scene, "name"), "off", point);
         const figures on = scene_figures(chosen, json_member_text(scene, "name"), "on", point);
@@ -154,10 +190,11 @@ static void put_changes(json_t *table, const selection *chosen, const figures *b
 static void put_group(json_t *table, const selection *chosen, const json_t *points)
 {
     figures base[MOST_POINTS], ours[MOST_POINTS];
+    bool *counts = complete_scenes(chosen, points);
     size_t count = 0;
     for (size_t k = 0; k < json_array_size(points) && count < MOST_POINTS; ++k) {
         const char *point = json_string_value(json_array_get(points, k));
-        group_figures(chosen, point, &base[count], &ours[count]);
+        group_figures(chosen, point, counts, &base[count], &ours[count]);
         if (isnan(base[count].values[BYTES]))
             continue;
         json_t *row = json_array();
@@ -173,6 +210,7 @@ static void put_group(json_t *table, const selection *chosen, const json_t *poin
     }
     if (count)
         put_changes(table, chosen, base, ours, count);
+    free(counts);
 }
 
 // The data sets of the plan, or its scenes, then all scenes if there are several.
@@ -263,8 +301,9 @@ static json_t *kind_table(const json_t *results, const char *kind, const char *t
     json_t *table = table_new(
         title,
         "Base: models of variant off; ours: variant on. Size in MiB (2^20 bytes), seconds of the "
-        "step, quality of the held-out images; means over seeds, then scenes. Δ time: change of "
-        "the sum over the points. BD-rate: change in size at equal PSNR; BD-PSNR: change in PSNR "
+        "step, quality of the held-out images; means over seeds, then over the scenes that have "
+        "results at all points. Δ time: change of the sum over the points. BD-rate: change in size "
+        "at equal PSNR; BD-PSNR: change in PSNR "
         "at equal size; N/A without a common range.",
         columns);
     json_t *steps = steps_of(runs, kind);

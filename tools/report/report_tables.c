@@ -213,6 +213,27 @@ static json_t *pipelines_table(const json_t *results)
 
 // ---- All variants of a pipeline ----
 
+// Means of variant off and of a variant over the scenes that have both. NaN without such a scene.
+static void paired_means(const json_t *plan, const json_t *runs, const char *pipeline,
+                         const char *variant, const char *metric, double *base, double *ours)
+{
+    const json_t *scenes = json_object_get(plan, "scenes");
+    double count = 0;
+    *base = *ours = 0;
+    for (size_t s = 0; s < json_array_size(scenes); ++s) {
+        const char *scene = json_member_text(json_array_get(scenes, s), "name");
+        const double off = mean(runs, scene, pipeline, "off", metric),
+                     own = mean(runs, scene, pipeline, variant, metric);
+        if (isnan(off) || isnan(own))
+            continue;
+        *base += off;
+        *ours += own;
+        ++count;
+    }
+    *base = count > 0 ? *base / count : NAN;
+    *ours = count > 0 ? *ours / count : NAN;
+}
+
 static json_t *variants_table(const json_t *plan, const json_t *runs, const char *pipeline)
 {
     static const char *const columns[] = {
@@ -220,12 +241,12 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         "sharpness", "Δ N", "Δ time", "Δ PSNR",     "Δ FLIP", "Δ sharpness", NULL};
     char *title = format_text("Variants of %s", pipeline);
     json_t *table =
-        table_new(title, "Means over scenes and seeds; changes relative to variant off.", columns);
+        table_new(title,
+                  "Means over scenes and seeds; changes relative to variant off, over the scenes "
+                  "that have runs of both.",
+                  columns);
     free(title);
     const json_t *variants = json_object_get(plan, "variants");
-    double base[METRICS];
-    for (int k = 0; k < METRICS; ++k)
-        base[k] = mean(runs, NULL, pipeline, "off", metrics[k]);
     for (size_t v = 0; v < json_array_size(variants); ++v) {
         const char *variant = json_member_text(json_array_get(variants, v), "name");
         double value[METRICS];
@@ -241,9 +262,12 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         for (int k = 2; k < METRICS; ++k)
             table_put_number(row, formats[k], value[k]);
         static const int changes[] = {1, 0, 2, 4, 5};
-        for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k)
-            table_put_number(row, change_formats[changes[k]],
-                             change(changes[k], base[changes[k]], value[changes[k]]));
+        for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k) {
+            const int m = changes[k];
+            double base, ours;
+            paired_means(plan, runs, pipeline, variant, metrics[m], &base, &ours);
+            table_put_number(row, change_formats[m], change(m, base, ours));
+        }
         table_end_row(table, row);
     }
     return table;

@@ -129,14 +129,30 @@ static bool add_options(experiment_run *run, json_t *options)
     return true;
 }
 
+json_t *experiment_plan_options(const json_t *options)
+{
+    json_t *copy = json_object();
+    const char *key;
+    json_t *value;
+    json_object_foreach((json_t *)options, key, value)
+    {
+        char *name = format_text("%s", key);
+        for (char *dash = name; (dash = strchr(dash, '-'));)
+            *dash = '_';
+        json_object_set(copy, name, value);
+        free(name);
+    }
+    return copy;
+}
+
 static json_t *merged_options(const json_t *plan, const json_t *scene, const json_t *variant)
 {
     json_t *all = json_object();
     const json_t *const parts[] = {plan, scene, variant};
     for (int k = 0; k < 3; ++k) {
-        json_t *options = json_object_get(parts[k], "options");
-        if (options)
-            json_object_update(all, options); // check_options: it is an object
+        json_t *options = experiment_plan_options(json_object_get(parts[k], "options"));
+        json_object_update(all, options);
+        json_decref(options);
     }
     return all;
 }
@@ -233,9 +249,12 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     add_argument(run, format_text("--quiet"));
     json_t *options = merged_options(plan->root, scene, variant);
     const char *path = json_string_value(json_object_get(scene, "path"));
-    run->settings = json_pack("{s:s,s:s,s:i,s:o}", "scene", path ? path : "", "pipeline", pipeline,
-                              "seed", seed, "options", options);
-    if (!add_options(run, options))
+    json_t *settings = json_pack("{s:s,s:s,s:i,s:o}", "scene", path ? path : "", "pipeline",
+                                 pipeline, "seed", seed, "options", options);
+    run->settings = json_as_stored(settings);
+    const bool added = add_options(run, options);
+    json_decref(settings);
+    if (!added)
         return false;
     char *context = format_text("%s: scene %s, pipeline %s, variant %s", plan_path, run->scene,
                                 run->pipeline, run->variant);
@@ -309,11 +328,18 @@ static bool check_keys(const json_t *object, const char *const known[], size_t c
 static bool check_options(const json_t *owner, const char *what, const char *name)
 {
     const json_t *options = json_object_get(owner, "options");
-    if (!options || json_is_object(options))
-        return true;
-    fail_run("%s: %s%s%s\"options\" must be an object: {\"iterations\": 7000}", plan_path, what,
-             name, *what ? ": " : "");
-    return false;
+    if (options && !json_is_object(options)) {
+        fail_run("%s: %s%s%s\"options\" must be an object: {\"iterations\": 7000}", plan_path, what,
+                 name, *what ? ": " : "");
+        return false;
+    }
+    json_t *distinct = experiment_plan_options(options);
+    const bool good = json_object_size(distinct) == json_object_size(options);
+    json_decref(distinct);
+    if (!good)
+        fail_run("%s: %s%s%s\"options\" names an option twice, with '-' and with '_'", plan_path,
+                 what, name, *what ? ": " : "");
+    return good;
 }
 
 // A list of distinct strings.

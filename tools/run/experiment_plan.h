@@ -18,7 +18,7 @@ typedef struct experiment_run {
     char *folder;     // below the experiment's, e.g. runs/plush/3dgs/on/seed_0
     char **arguments; // of `sparegs train`, NULL-terminated; the folder is arguments[3]
     int argument_count;
-    json_t *settings; // scene, pipeline, seed and merged options
+    json_t *settings; // scene, pipeline, seed and merged options, as experiment.json stores them
 } experiment_run;
 
 typedef struct experiment_plan {
@@ -27,6 +27,9 @@ typedef struct experiment_plan {
     experiment_run *runs;
     post_plan post; // steps after each training
 } experiment_plan;
+
+// A copy of options with '_' in their names, which the plan may spell with '-'.
+json_t *experiment_plan_options(const json_t *options);
 
 // `folder` is the output folder of the experiment.
 bool experiment_plan_read(const char *path, const char *folder, experiment_plan *plan);

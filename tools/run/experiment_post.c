@@ -129,6 +129,21 @@ static const char *point_fault(const json_t *row, const char *key, const json_t 
     return strcmp(key, "ratio") ? value_fault(row, value) : ratio_fault(value);
 }
 
+// True if two points of a list have the same text, which names their files.
+static bool repeats_point(const json_t *list)
+{
+    bool repeated = false;
+    for (size_t k = 1; k < json_array_size(list); ++k)
+        for (size_t j = 0; j < k; ++j) {
+            char *one = value_text(json_array_get(list, j)),
+                 *other = value_text(json_array_get(list, k));
+            repeated = repeated || !strcmp(one, other);
+            free(one);
+            free(other);
+        }
+    return repeated;
+}
+
 static bool check_value(const char *plan_path, const post_kind *kind, const json_t *row,
                         const char *key, const json_t *value)
 {
@@ -143,6 +158,8 @@ static bool check_value(const char *plan_path, const post_kind *kind, const json
         }
         if (!json_array_size(value))
             fault = "the list is empty";
+        else if (!fault && repeats_point(value))
+            fault = "two points of the list are the same";
     } else {
         fault = point_fault(row, key, value);
     }
@@ -253,13 +270,15 @@ static void add_point(post_plan *post, const post_kind *kind, const char *step,
         exit(fail_run("out of memory"));
     json_t *own = json_copy((json_t *)options);
     json_object_set(own, kind->sweep, (json_t *)value);
+    json_t *settings = json_pack("{s:s,s:o}", "kind", kind->name, "options", own);
     post->points[post->count++] = (post_point){
         .step = format_text("%s", step),
         .kind = format_text("%s", kind->name),
         .method = format_text("%s", json_string_value(json_object_get(options, "method"))),
         .point = value_text(value),
-        .settings = json_pack("{s:s,s:o}", "kind", kind->name, "options", own),
+        .settings = json_as_stored(settings),
         .variants = variants};
+    json_decref(settings);
 }
 
 // The points of a step in the order of its list.

@@ -29,6 +29,7 @@ enum {
 };
 
 static const float BUCKET_SIDE = 5.0f;
+static const float FLOAT16_MOST = 65504.0f;
 
 typedef struct level_layout {
     size_t position, scale, rotation, rest; // bytes of one value
@@ -332,7 +333,23 @@ static void store_value(uint8_t *at, size_t bytes, float value)
     if (bytes == 4)
         sgsi_store_float(at, value);
     else
-        sgsi_store_u16(at, sgsi_float16_from(value));
+        sgsi_store_u16(at, sgsi_float16_from(fminf(fmaxf(value, -FLOAT16_MOST), FLOAT16_MOST)));
+}
+
+static void warn_about_scales(const char *path, const sgs_gaussians *model)
+{
+    size_t changed = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        bool large = false;
+        for (int k = 0; k < 3; ++k)
+            large = large || exp((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k)) >
+                                 (double)FLOAT16_MOST;
+        changed += large;
+    }
+    if (changed)
+        sgsi_warn("%s: this level of KSPLAT holds scales of up to %.0f units; %zu of %zu "
+                  "primitives have larger ones, which are changed to it; use level 0",
+                  path, (double)FLOAT16_MOST, changed, model->count);
 }
 
 static void encode_row(int level, int sh_degree, const sgsi_splat *splat, const float *center,
@@ -423,6 +440,8 @@ sgs_status sgsi_ksplat_write(const char *path, const sgs_gaussians *model,
     if (model->sh_degree > DEGREE_WRITTEN)
         sgsi_warn("%s: KSPLAT holds SH of degree %d at most; higher degrees are omitted", path,
                   DEGREE_WRITTEN);
+    if (level)
+        warn_about_scales(path, model);
     sgs_status status = level ? make_buckets(model, &buckets) : SGS_STATUS_OK;
     const size_t partial = buckets.count - buckets.full,
                  rows_at = 4 * partial + BUCKET_BYTES * buckets.count,

@@ -63,6 +63,8 @@ static const struct {
 enum { AXES_COUNT = sizeof axes_table / sizeof *axes_table };
 
 static const double SQRT_HALF = 0.70710678118654752;
+static const double COORDINATE_MOST = 8388607.0; // without fractional bits
+static const double LOG_SCALE_LEAST = -10.0, LOG_SCALE_MOST = 255.0 / 16.0 - 10.0;
 
 // deflate expands at most 1032 times; a header more for empty streams.
 static const size_t GZIP_RATIO = 1032;
@@ -393,16 +395,38 @@ static void encode_row(const spz_file *file, const sgsi_splat *splat, size_t i,
 }
 
 // The largest resolution at which all coordinates fit into 24 bits.
-static int choose_fractional_bits(const sgs_gaussians *model)
+static sgs_status choose_fractional_bits(const char *path, const sgs_gaussians *model, int *bits)
 {
     double largest = 0.0;
     for (size_t i = 0; i < model->count; ++i)
         for (int k = 0; k < 3; ++k)
             largest = fmax(largest, fabs((double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k)));
-    int bits = FRACTIONAL_BITS_WRITTEN;
-    while (bits > 0 && ldexp(largest, bits) > 8388607.0)
-        --bits;
-    return bits;
+    *bits = FRACTIONAL_BITS_WRITTEN;
+    while (*bits > 0 && ldexp(largest, *bits) > COORDINATE_MOST)
+        --*bits;
+    return largest <= COORDINATE_MOST
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_LIMIT,
+                           "%s: a coordinate of %.9g exceeds the %.0f units of SPZ; move the model "
+                           "towards the origin, or scale it down",
+                           path, largest, COORDINATE_MOST);
+}
+
+// Scales are clamped. Below the range only the largest scale of a primitive matters: flat ones are
+// common.
+static void warn_about_scales(const char *path, const sgs_gaussians *model)
+{
+    size_t changed = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        double largest = -INFINITY;
+        for (int k = 0; k < 3; ++k)
+            largest = fmax(largest, (double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
+        changed += largest < LOG_SCALE_LEAST - 1.0 / 32 || largest > LOG_SCALE_MOST + 1.0 / 32;
+    }
+    if (changed)
+        sgsi_warn("%s: SPZ holds scales of %.2g to %.3g units; %zu of %zu primitives have others, "
+                  "which are changed to these limits; scale the model",
+                  path, exp(LOG_SCALE_LEAST), exp(LOG_SCALE_MOST), changed, model->count);
 }
 
 typedef struct stream_packing {
@@ -511,7 +535,6 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
                      .count = (uint32_t)model->count,
                      .sh_degree = model->sh_degree,
                      .sh_stored = model->sh_degree,
-                     .fractional_bits = choose_fractional_bits(model),
                      .flags = (options->antialiased ? FLAG_ANTIALIASED : 0) |
                               (named ? FLAG_EXTENSIONS : 0)};
     if ((unsigned)file.axes >= AXES_COUNT)
@@ -519,6 +542,10 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
                          (int)file.axes);
     if (!model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an SPZ file cannot be empty", path);
+    sgs_status status = choose_fractional_bits(path, model, &file.fractional_bits);
+    if (status)
+        return status;
+    warn_about_scales(path, model);
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k)
         total += row_bytes(&file, k) * model->count;
@@ -535,7 +562,6 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
         sgsi_splat_change_axes(axes_table[file.axes].axes, &splat);
         encode_row(&file, &splat, i, streams);
     }
-    sgs_status status;
     if (file.version == 4) {
         status = write_version_4(path, &file, streams, &written->bytes);
     } else {

@@ -455,6 +455,86 @@ static void refused_writes_name_the_file(void **state)
     temp_folder_remove(&folder);
 }
 
+// ---- Ranges of the formats ----
+
+static char range_warning[512];
+
+static void keep_warning(void *user, const char *message)
+{
+    (void)user;
+    snprintf(range_warning, sizeof range_warning, "%s", message);
+}
+
+// Writes the model and reads it back; the warning of the writer is in range_warning.
+static sgs_gaussians *read_back(const char *path, const sgs_gaussians *model,
+                                const sgs_model_write_options *options)
+{
+    sgs_gaussians *back;
+    *range_warning = 0;
+    sgs_warning_handler_set(keep_warning, NULL);
+    const sgs_status status = sgs_model_write(path, model, options, NULL);
+    sgs_warning_handler_set(NULL, NULL);
+    if (status || sgs_model_read(path, NULL, &back, NULL))
+        fail_msg("%s", sgs_last_error());
+    return back;
+}
+
+// Coordinates beyond 24 bits would be clamped to a wall.
+static void far_coordinates_of_spz_are_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.spz");
+    sgs_gaussians *model = model_random(3, 0);
+    sgs_model_write_options options = sgs_model_write_options_default();
+    for (options.spz_version = 3; options.spz_version <= 4; ++options.spz_version) {
+        *sgs_gaussians_at(model, 1, SGS_PARAM_MEAN + 1) = -8388607.0f;
+        sgs_gaussians *back = read_back(path, model, &options);
+        assert_true(*sgs_gaussians_at(back, 1, SGS_PARAM_MEAN + 1) == -8388607.0f);
+        sgs_gaussians_destroy(back);
+        *sgs_gaussians_at(model, 1, SGS_PARAM_MEAN + 1) = -8388608.0f;
+        assert_int_equal(sgs_model_write(path, model, &options, NULL), SGS_STATUS_LIMIT);
+        assert_int_equal(strncmp(sgs_last_error(), path, strlen(path)), 0);
+        assert_non_null(strstr(sgs_last_error(), "8388608 exceeds the 8388607 units of SPZ"));
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void scales_beyond_the_format_cause_a_warning(void **state)
+{
+    (void)state;
+    const struct {
+        const char *name, *warning; // NULL: none
+        float scales[3], back;      // the largest one, as it is read
+    } cases[] = {{"a.spz", NULL, {-30, -9, -8}, -8},
+                 {"a.spz", NULL, {-30, 0, 5.9375f}, 5.9375f},
+                 {"a.spz", "1 of 3 primitives have others", {-30, 0, 6}, 5.9375f},
+                 {"a.spz", "1 of 3 primitives have others", {-30, -12, -11}, -10},
+                 {"a.ksplat", NULL, {-30, 0, 11}, 11},
+                 {"a.ksplat", "1 of 3 primitives have larger ones", {-30, 0, 12}, 11.0898f}};
+    const temp_folder folder = temp_folder_make();
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        sgs_gaussians *model = model_random(3, 0);
+        for (int i = 0; i < 3; ++i) // one cell of KSPLAT: the order is kept
+            for (int j = 0; j < 3; ++j) {
+                *sgs_gaussians_at(model, (size_t)i, SGS_PARAM_MEAN + j) = (float)i;
+                *sgs_gaussians_at(model, (size_t)i, SGS_PARAM_SCALE + j) =
+                    i == 1 ? cases[k].scales[j] : -3.0f;
+            }
+        sgs_gaussians *back = read_back(temp_path(&folder, cases[k].name), model, NULL);
+        assert_int_equal(back->count, 3);
+        assert_float_equal(*sgs_gaussians_at(back, 1, SGS_PARAM_SCALE + 2), cases[k].back, 1e-3);
+        if (!cases[k].warning)
+            assert_string_equal(range_warning, "");
+        else
+            assert_non_null(strstr(range_warning, cases[k].warning));
+        sgs_gaussians_destroy(back);
+        sgs_gaussians_destroy(model);
+    }
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -467,6 +547,8 @@ int main(void)
         cmocka_unit_test(long_manifests_take_linear_time),
         cmocka_unit_test(units_survive_lack_of_memory),
         cmocka_unit_test(refused_writes_name_the_file),
+        cmocka_unit_test(far_coordinates_of_spz_are_refused),
+        cmocka_unit_test(scales_beyond_the_format_cause_a_warning),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

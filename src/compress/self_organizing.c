@@ -25,6 +25,7 @@
 
 enum { ATTRIBUTES = 6, MEANS = 0, DC, REST, SCALE, ROTATION, OPACITY, IMAGES_MOST = 24 };
 static const double IMPROVEMENT_BREAK = 1e-4;
+static const float LOG_SCALE_LEAST = -104.0f; // exp(-104) is 0 in single precision
 
 // Attributes: fixed range, or the range of the data (low = high).
 static const struct {
@@ -107,13 +108,16 @@ static float contracted(float x)
     return copysignf((float)log1p(fabs((double)x)), x);
 }
 
-// Positions in the log domain, unit quaternions with w >= 0.
+// Positions in the log domain, unit quaternions with w >= 0. A scale below the least float is one
+// of 0; its logarithm has no limit, but would take the range of all others.
 static void prepare_rows(sgsi_compress_job *job)
 {
     for (size_t i = 0; i < job->count; ++i) {
         float *row = job->rows + i * SGS_PARAM_COUNT, *q = row + SGS_PARAM_ROTATION;
-        for (int k = 0; k < 3; ++k)
+        for (int k = 0; k < 3; ++k) {
             row[k] = contracted(row[k]);
+            row[SGS_PARAM_SCALE + k] = fmaxf(row[SGS_PARAM_SCALE + k], LOG_SCALE_LEAST);
+        }
         double length = 0;
         for (int k = 0; k < 4; ++k)
             length += (double)q[k] * q[k];

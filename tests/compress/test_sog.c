@@ -120,6 +120,29 @@ static void errors_are_at_most_half_a_step(void **state)
     temp_folder_remove(&folder);
 }
 
+// A logarithm far below those of floats: the file must be readable, and the range of the others
+// stays fine enough to tell them from 0.
+static void vanishing_scales_are_stored(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = pack_model(400, 0, 1), *decoded;
+    *sgs_gaussians_at(model, 7, SGS_PARAM_SCALE) = -2e6f;
+    *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = 5; // not among the omitted ones
+    sgs_compress_options options = sgs_compress_options_default();
+    assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+    if (sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL))
+        fail_msg("%s", sgs_last_error());
+    size_t vanishing = 0;
+    for (size_t i = 0; i < decoded->count; ++i)
+        for (int k = 0; k < 3; ++k)
+            vanishing += *sgs_gaussians_at(decoded, i, SGS_PARAM_SCALE + k) < -50;
+    assert_int_equal(vanishing, 1);
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 // Mean squared difference of horizontal and vertical neighbours.
 static double roughness(const float *features, size_t side)
 {
@@ -245,6 +268,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(portable_functions_match_the_c_library),
         cmocka_unit_test(errors_are_at_most_half_a_step),
+        cmocka_unit_test(vanishing_scales_are_stored),
         cmocka_unit_test(sorting_makes_neighbours_similar),
         cmocka_unit_test(sorting_is_cancelled_between_passes),
         cmocka_unit_test(other_codecs_are_refused),

@@ -38,12 +38,16 @@ refused 'post: prune: weights: rap requires the file of its authors' '[{"prune":
 refused 'post: prune: variants: unknown variant' '[{"prune": {"method": "refine"}, "variants": ["onn"]}]'
 refused 'post: prune: varaints: unknown key' '[{"prune": {"method": "refine"}, "varaints": ["on"]}]'
 refused 'post: compress: preset: unknown word' '[{"compress": {"method": "ghap", "preset": "spare-4"}}]'
+refused 'post: compress: keep: makes all presets equal; set "preset" to one of them' '[{"compress": {"method": "ghap", "keep": 0.5}}]'
+refused 'post: compress: vq-ratio: makes all presets equal' '[{"compress": {"method": "lightgaussian", "vq-ratio": 0.5, "preset": ["spare-1", "spare-2"]}}]'
 refused "post: name: prune-refine: two steps have this name" '[{"prune": {"method": "refine"}}, {"prune": {"method": "refine", "finetune": 5}}]'
 refused "post: name: a/b: use letters" '[{"prune": {"method": "refine"}, "name": "a/b"}]'
 
 # all_points_of_all_steps_have_results
 steps='[{"prune": {"method": "refine"}}, {"prune": {"method": "pup", "ratio": [0.2, 0.6], "fisher_downscale": 2}, "name": "pup", "variants": ["on"]},
         {"compress": {"method": "ghap", "finetune": 200}}]'
+write_plan '[{"compress": {"method": "ghap", "keep": 0.5, "preset": "spare-1"}}, {"compress": {"method": "mesongs", "vq_steps": 9}}]'
+run 0 experiment "$plan" --check
 write_plan "$steps"
 run 0 experiment "$plan" -o "$out" --quiet
 json "$out/results.json" '[.runs[].post | length] == [6, 8]'

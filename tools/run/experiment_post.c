@@ -176,6 +176,33 @@ static bool suits_method(const json_t *row, const char *method)
     return suits;
 }
 
+// The option that makes the presets of a method equal, or NULL.
+static const char *preset_rival(const json_t *options, const char *method)
+{
+    static const struct {
+        const char *method, *option; // all that the presets of the method set
+    } rivals[] = {{"ghap", "keep"},
+                  {"mesongs", "keep"},
+                  {"lightgaussian", "vq_ratio"},
+                  {"fcgs-like", "step_scale"}};
+    const char *key;
+    json_t *value;
+    for (size_t k = 0; k < sizeof rivals / sizeof *rivals; ++k) {
+        char *wanted = option_name(rivals[k].option);
+        const char *found = NULL;
+        json_object_foreach((json_t *)options, key, value)
+        {
+            char *name = option_name(key);
+            found = strcmp(name, wanted) ? found : key;
+            free(name);
+        }
+        free(wanted);
+        if (found && !strcmp(rivals[k].method, method))
+            return found;
+    }
+    return NULL;
+}
+
 static bool check_options(const char *plan_path, const post_kind *kind, const json_t *options)
 {
     json_t *table = option_table(kind);
@@ -201,6 +228,12 @@ static bool check_options(const char *plan_path, const post_kind *kind, const js
     json_decref(table);
     if (good && !method)
         return refuse(plan_path, kind->name, "method", "is missing");
+    const json_t *presets = json_object_get(options, "preset");
+    const char *rival =
+        good && !strcmp(kind->name, "compress") ? preset_rival(options, method) : NULL;
+    if (rival && (!presets || json_array_size(presets) > 1))
+        return refuse(plan_path, kind->name, rival,
+                      "makes all presets equal; set \"preset\" to one of them");
     if (good && !strcmp(method, "rap") && !json_object_get(options, "weights"))
         return refuse(plan_path, kind->name, "weights", "rap requires the file of its authors");
     return good;

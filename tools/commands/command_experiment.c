@@ -117,7 +117,8 @@ static bool plan_agrees(const experiment_run *run)
     char *path = settings_path(run);
     json_t *old = load_json(path, 0, NULL);
     if (json_is_object(json_object_get(old, "options")))
-        json_object_set_new(old, "options", experiment_plan_options(json_object_get(old, "options")));
+        json_object_set_new(old, "options",
+                            experiment_plan_options(json_object_get(old, "options")));
     const bool agrees = !old || same_members(run, old, run->settings);
     json_decref(old);
     free(path);

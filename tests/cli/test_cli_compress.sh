@@ -88,6 +88,8 @@ for method in ghap mesongs lightgaussian; do
     reports "--finetune: fine-tuning requires a scene; add the operand SCENE"
     one_line
 done
+run 0 compress "$model" -o "$temporary/kept" --method ghap --preset spare-2 --keep 0.5 --quiet
+reports "--preset has no effect with --keep, the only value that it sets"
 run 2 compress "$model" "$room" -o "$temporary/none" --method lightgaussian --finetune 5
 reports "--finetune has no effect on lightgaussian without --keep below 1"
 one_line

@@ -348,10 +348,26 @@ static int check_values(const command_line *line, const compress_values *values)
 }
 
 // Warns about SCENE and its options where the method does not read them.
+// A preset of these methods sets one option alone.
+static void warn_idle_preset(const command_line *line, int method)
+{
+    static const char *const names[] = {[SGS_COMPRESS_GHAP] = "keep",
+                                        [SGS_COMPRESS_MESONGS] = "keep",
+                                        [SGS_COMPRESS_LIGHTGAUSSIAN] = "vq-ratio",
+                                        [SGS_COMPRESS_FCGS_LIKE] = "step-scale"};
+    const char *name = (size_t)method < sizeof names / sizeof *names ? names[method] : NULL;
+    if (!name || !option_given(line, name))
+        return;
+    char *why = format_text("with --%s, the only value that it sets", name);
+    warn_idle(line, "preset", why);
+    free(why);
+}
+
 static void warn_idle_options(const command_line *line, const compress_values *values)
 {
     if (values->method == SGS_COMPRESS_FCGS_LIKE)
         warn_idle(line, "seed", "on fcgs-like, which makes no random choice");
+    warn_idle_preset(line, values->method);
     if (line->operand_count < 2)
         return;
     if (!reads_views(values)) {

@@ -87,9 +87,16 @@ static inline bool has_alpha(const sgsi_loss_input *image)
     return image->target->channels == 4;
 }
 
-static inline float image_at(const sgsi_loss_input *image, int c, size_t at)
+// What the map multiplies: the image, or the primitives alone, and the factor of its last column.
+static inline float value_at(const sgsi_loss_input *image, bool alpha, int c, size_t at)
 {
-    return image->color[c][at] + image->transmittance[at] * image->background[c];
+    return alpha ? image->color[c][at]
+                 : image->color[c][at] + image->transmittance[at] * image->background[c];
+}
+
+static inline double one_at(const sgsi_loss_input *image, bool alpha, size_t at)
+{
+    return alpha ? 1 - (double)image->transmittance[at] : 1;
 }
 
 static void forward_row(void *context, size_t y, int thread)
@@ -104,8 +111,8 @@ static void forward_row(void *context, size_t y, int thread)
     for (size_t at = y * image->stride; at < y * image->stride + (size_t)image->width; ++at) {
         float value[3];
         for (int c = 0; c < 3; ++c)
-            value[c] = alpha ? image->color[c][at] : image_at(image, c, at);
-        const float one = alpha ? 1 - image->transmittance[at] : 1;
+            value[c] = value_at(image, alpha, c, at);
+        const float one = (float)one_at(image, alpha, at);
         for (int c = 0; c < 3; ++c)
             job->exposure->mapped[c][at] = map[4 * c] * value[0] + map[4 * c + 1] * value[1] +
                                            map[4 * c + 2] * value[2] + map[4 * c + 3] * one;
@@ -124,51 +131,30 @@ void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_inpu
         input->color[c] = exposure->mapped[c];
 }
 
-static void backward_pixel(const exposure_job *job, size_t at, double sums[SGSI_EXPOSURE])
+static void backward_pixel(const exposure_job *job, bool alpha, size_t at,
+                           double sums[SGSI_EXPOSURE])
 {
     const sgsi_loss_input *image = job->image;
     sgsi_loss_output *output = job->output;
     const float mapped[3] = {output->d_color[0][at], output->d_color[1][at],
                              output->d_color[2][at]};
     float through = 0, before = 0;
+    double offset = 0;
     for (int k = 0; k < 3; ++k) {
-        const float value = image_at(image, k, at);
+        const float value = value_at(image, alpha, k, at);
         double sum = 0;
         for (int c = 0; c < 3; ++c) {
             sums[4 * c + k] += (double)mapped[c] * (double)value;
             sum += job->map[4 * c + k] * (double)mapped[c];
         }
-        sums[4 * k + 3] += (double)mapped[k];
+        sums[4 * k + 3] += (double)mapped[k] * one_at(image, alpha, at);
         output->d_color[k][at] = (float)sum;
+        offset += job->map[4 * k + 3] * (double)mapped[k];
         through += image->background[k] * (float)sum;
         before += image->background[k] * mapped[k];
     }
     // The loss has written background . dL/dI' here, plus the alpha term.
-    output->d_transmittance[at] += through - before;
-}
-
-// The same for a photograph with an alpha channel.
-static void backward_pixel_alpha(const exposure_job *job, size_t at, double sums[SGSI_EXPOSURE])
-{
-    const sgsi_loss_input *image = job->image;
-    sgsi_loss_output *output = job->output;
-    const double opacity = 1 - (double)image->transmittance[at];
-    double mapped[3], offset = 0;
-    for (int c = 0; c < 3; ++c) {
-        mapped[c] = (double)output->d_color[c][at];
-        offset += job->map[4 * c + 3] * mapped[c];
-        sums[4 * c + 3] += mapped[c] * opacity;
-    }
-    for (int k = 0; k < 3; ++k) {
-        double sum = 0;
-        for (int c = 0; c < 3; ++c) {
-            sums[4 * c + k] += mapped[c] * (double)image->color[k][at];
-            sum += job->map[4 * c + k] * mapped[c];
-        }
-        output->d_color[k][at] = (float)sum;
-    }
-    // The loss has written background . dL/dI' here, plus the alpha term.
-    output->d_transmittance[at] -= (float)offset;
+    output->d_transmittance[at] += alpha ? -(float)offset : through - before;
 }
 
 static void backward_cell(void *context, size_t item, int thread)
@@ -180,13 +166,8 @@ static void backward_cell(void *context, size_t item, int thread)
     const bool alpha = has_alpha(job->image);
     memset(sums, 0, SGSI_EXPOSURE * sizeof *sums);
     for (int y = rect.y; y < rect.y + rect.height; ++y)
-        for (int x = rect.x; x < rect.x + rect.width; ++x) {
-            const size_t at = (size_t)y * job->image->stride + (size_t)x;
-            if (alpha)
-                backward_pixel_alpha(job, at, sums);
-            else
-                backward_pixel(job, at, sums);
-        }
+        for (int x = rect.x; x < rect.x + rect.width; ++x)
+            backward_pixel(job, alpha, (size_t)y * job->image->stride + (size_t)x, sums);
 }
 
 static sgs_status reserve_cells(sgsi_exposure *exposure, const sgsi_loss_input *image)

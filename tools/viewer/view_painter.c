@@ -227,13 +227,15 @@ json_t *view_painter_probe(view_painter *painter, const view_request *request, i
     sgs_camera pixel = sgs_camera_shifted(&request->camera, -x, -y);
     pixel.width = pixel.height = 1;
     const region_map *regions = view_source_regions(source);
+    const bool crops = request->crop.preview != CROP_OFF;
     sgs_frame frame = {0}, cropped = {0};
     const bool done = render_pixel(painter, request, &pixel, AOV_INDEX_PRIMITIVE, &frame) &&
-                      render_pixel(painter, request, &pixel, AOV_INDEX_RGBA, &cropped);
+                      (!crops || render_pixel(painter, request, &pixel, AOV_INDEX_RGBA, &cropped));
     json_t *object = done ? json_pack("{s:s,s:i,s:i}", "type", "probe", "x", x, "y", y) : NULL;
     for (int k = 0; k < AOV_ROWS && done; ++k)
-        json_object_set_new(object, aov_words[k],
-                            value_json(k, 1U << k & AOV_OF_ROWS ? &frame : &cropped, regions));
+        json_object_set_new(
+            object, aov_words[k],
+            value_json(k, crops && !(1U << k & AOV_OF_ROWS) ? &cropped : &frame, regions));
     sgs_frame_free(&frame);
     sgs_frame_free(&cropped);
     return object;

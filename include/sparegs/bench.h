@@ -49,17 +49,18 @@ SGS_API void sgs_bench_scene_destroy(sgs_bench_scene *scene); // accepts NULL
 
 // Means over the views of one repetition, in wall-clock seconds.
 typedef struct sgs_bench_sample {
-    double build;     // BVH build
-    double refit;     // BVH refit to the bounds of another view
-    double gather;    // traversal, tests against the tiles, sorting of candidates
-    double forward;   // project, order, blend; without gather
-    double backward;  // gradients per primitive, reduced; without the chain rule
-    double loss;      // loss and its gradient
-    double optimizer; // chain rule, statistics, Adam
-    double iteration; // all but `build`
-    double project;   // part of forward: parameters to projected records and bounds
-    double reduce;    // part of backward: sums of the tiles to sums of the primitives
-    double serial;    // part of iteration: outside of parallel loops
+    double build;      // BVH build
+    double rank_build; // build of the BVH of a rank, of lower quality; 0 = not measured
+    double refit;      // BVH refit to the bounds of another view
+    double gather;     // traversal, tests against the tiles, sorting of candidates
+    double forward;    // project, order, blend; without gather
+    double backward;   // gradients per primitive, reduced; without the chain rule
+    double loss;       // loss and its gradient
+    double optimizer;  // chain rule, statistics, Adam
+    double iteration;  // all but `build`
+    double project;    // part of forward: parameters to projected records and bounds
+    double reduce;     // part of backward: sums of the tiles to sums of the primitives
+    double serial;     // part of iteration: outside of parallel loops
     // Part of iteration: wait for the last thread of each loop, mean over the threads.
     double waiting;
 } sgs_bench_sample;
@@ -102,8 +103,11 @@ SGS_API sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench);
 // The steps of a repetition, for measurements in between. _build builds the BVH and sets
 // sample->build. _step runs an iteration of the next view and adds its times to *sample; as many
 // steps as views visit each view once. Both fail as sgs_trainer_step. _restore restores the model,
-// so that the next step does the same work; it cannot fail.
+// so that the next step does the same work; it cannot fail. _rank_build sets sample->rank_build: it
+// builds a BVH over all primitives as a rank does, which builds one per view instead of refitting
+// it. Call it after _run or _step. Fails as sgs_trainer_step.
 SGS_API sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample);
+SGS_API sgs_status sgs_bench_rank_build(sgs_bench *bench, sgs_bench_sample *sample);
 SGS_API sgs_status sgs_bench_step(sgs_bench *bench, sgs_bench_sample *sample);
 SGS_API void sgs_bench_restore(sgs_bench *bench);
 
@@ -144,7 +148,6 @@ typedef struct sgs_rank_prediction {
     double primitives; // largest number of projected records on one rank
     double traced;     // primitives in view, whose records are sent
     double hit;        // primitives with a hit, whose gradients are sent
-    double build;      // measured: seconds to build a BVH of the ranks' quality over all primitives
 } sgs_rank_prediction;
 
 // Predicts the messages of ranks[i] ranks (2 to 1024) into predictions[count], from the lists of an

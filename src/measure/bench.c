@@ -192,6 +192,15 @@ sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample)
     return status;
 }
 
+sgs_status sgs_bench_rank_build(sgs_bench *bench, sgs_bench_sample *sample)
+{
+    sgsi_train_views *views = &bench->trainer->views;
+    const sgs_status status = sgsi_tracer_commit(views->tracer, true, SGSI_BVH_LOW);
+    sample->rank_build = sgsi_tracer_seconds(views->tracer).bvh_build;
+    views->rebuild = true;
+    return status;
+}
+
 sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
 {
     *sample = (sgs_bench_sample){0};
@@ -304,17 +313,6 @@ static sgs_status predict_view(sgs_bench *bench, size_t view_index, const sgsi_t
     return status;
 }
 
-// Ranks build a BVH for each view, of lower quality than one that is refitted.
-static sgs_status measure_build(sgs_bench *bench, sgs_rank_prediction *predictions, size_t count)
-{
-    sgsi_train_views *views = &bench->trainer->views;
-    const sgs_status status = sgsi_tracer_commit(views->tracer, true, SGSI_BVH_LOW);
-    for (size_t i = 0; i < count; ++i)
-        predictions[i].build = sgsi_tracer_seconds(views->tracer).bvh_build;
-    views->rebuild = true;
-    return status;
-}
-
 sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
                            sgs_rank_prediction *predictions)
 {
@@ -343,8 +341,6 @@ sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
             status = predict_view(bench, info.view, tiles, costs, traffic, count, predictions);
         sgs_bench_restore(bench);
     }
-    if (!status)
-        status = measure_build(bench, predictions, count);
     sgsi_tracer_watch_tiles(views->tracer, NULL);
     sgsi_free(tiles);
     sgsi_free(costs);

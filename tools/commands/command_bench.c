@@ -206,7 +206,9 @@ static bool measure(bench_run *run, const char *name, const sgs_gaussians *model
             progress_count(name, (size_t)i * run->setting_count + s,
                            (size_t)run->values->repeat * run->setting_count);
             done = apply(&run->settings[s]);
-            if (done && sgs_bench_run(bench, &to->sample)) {
+            if (done &&
+                (sgs_bench_run(bench, &to->sample) || (s == 0 && run->values->ranks.count &&
+                                                       sgs_bench_rank_build(bench, &to->sample)))) {
                 fail_library();
                 done = false;
             }

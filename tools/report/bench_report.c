@@ -161,12 +161,12 @@ static sgs_scaling scaling_of(const bench_result *r)
 // speed-up.
 static rank_machines machines_of(const bench_result *r)
 {
-    static const bench_phase refit = {"refit", AT(refit)};
+    static const bench_phase refit = {"refit", AT(refit)}, build = {"rank build", AT(rank_build)};
     const sgs_scaling scaling = scaling_of(r);
     const rank_machine measured = {.iteration = scaling.seconds,
                                    .serial = scaling.serial,
                                    .refit = phase_spread(r, &refit).median,
-                                   .build = 1,
+                                   .build = phase_spread(r, &build).median,
                                    .primitives = r->counts.primitives};
     const scaling_target *target = &scaling_targets[SCALING_TARGETS - 1];
     const int width = scaling.cores && scaling.cores < r->threads ? scaling.cores : r->threads;

@@ -28,7 +28,7 @@ static double speedup(const sgs_rank_prediction *p, const rank_machine *machine,
                       const network *link)
 {
     const double shared = machine->iteration - machine->serial - machine->refit;
-    const double build = machine->build * p->build * p->primitives / machine->primitives;
+    const double build = machine->build * p->primitives / machine->primitives;
     return machine->iteration / (machine->serial + shared / (p->ranks * p->balance) + build +
                                  sgs_rank_seconds(p, link->latency, link->bandwidth));
 }
@@ -81,7 +81,7 @@ json_t *rank_report_json(const sgs_rank_prediction *predictions, size_t count,
         const sgs_rank_prediction *p = &predictions[i];
         json_t *object = json_pack("{s:i,s:f,s:f,s:f,s:f,s:f}", "ranks", p->ranks, "balance",
                                    p->balance, "primitives", p->primitives, "traced", p->traced,
-                                   "hit", p->hit, "build_seconds", p->build);
+                                   "hit", p->hit, "build_seconds", machines->measured.build);
         json_object_set_new(object, "calls", calls_json(p));
         json_t *links = json_array();
         for (int n = 0; n < NETWORKS; ++n)

@@ -12,7 +12,7 @@
 // One machine, in seconds of an iteration.
 typedef struct rank_machine {
     double iteration, serial, refit; // serial and refit: parts of it
-    double build;                    // times of building a BVH, relative to the measured ones
+    double build;                    // of a BVH over all primitives, built as a rank builds its own
     double primitives;
 } rank_machine;
 

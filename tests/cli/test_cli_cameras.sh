@@ -169,6 +169,16 @@ check each_view_has_a_file test "$(cat "$temporary/names.txt")" = './inner/.hidd
 
 run 0 render "$model" --camera "$temporary/names.json" --frames 1-2 --size 20x15 --aov rgba -o "$temporary/part_of_names"
 check parts_have_the_names_of_the_whole test "$(pictures "$temporary/part_of_names" exr)" = 'a.png.exr b.exr '
+run 0 render "$model" --camera "$temporary/names.json" --view a.png --size 20x15 --aov rgba -o "$temporary/one_of_names"
+check a_view_has_its_name_of_the_whole test "$(pictures "$temporary/one_of_names" exr)" = 'a.png.exr '
+mkdir -p "$temporary/two_names/images"
+cp "$room/images/0001.jpg" "$temporary/two_names/images/a.jpg"
+oiiotool "$room/images/0002.jpg" -o "$temporary/two_names/images/a.png"
+jq -n '{fl_x: 400, frames: [("a.jpg", "a.png") as $name |
+    {file_path: "images/\($name)", transform_matrix: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}' \
+    >"$temporary/two_names/transforms.json"
+run 0 render "$model" "$temporary/two_names" --test-images a.png --split test --aov rgba -o "$temporary/a_split"
+check a_split_has_the_names_of_the_scene test "$(pictures "$temporary/a_split" exr)" = 'a.png.exr '
 
 run 0 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba --json -o "$temporary/listed"
 json "$temporary/stdout" '.files | length == 3 and (.[0] | endswith("cameras.json")) and all(.[1:][]; endswith(".exr"))'

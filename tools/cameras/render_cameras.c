@@ -109,20 +109,48 @@ static bool keep_view(const char *path, const char *view, camera_list *list)
     return true;
 }
 
+static void keep_split(const sgs_scene *scene, sgs_split split, camera_list *list)
+{
+    list->count = 0;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        if (view_in_split(&scene->views[v], split))
+            list->cameras[list->count++] = list->cameras[v];
+        else
+            named_camera_free(&list->cameras[v]);
+}
+
+// Of all views before a selection, so that a view has the same name in each.
+static bool name_files(camera_list *list)
+{
+    char **stems = file_stems(&list->cameras->name, sizeof *list->cameras, list->count);
+    for (size_t i = 0; stems && i < list->count; ++i)
+        list->cameras[i].stem = stems[i];
+    free(stems);
+    return stems != NULL;
+}
+
 static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
     const sgs_split split = choice->split_given || scene_split_count(scene, choice->split)
                                 ? choice->split
                                 : SGS_SPLIT_ALL;
     list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
-    for (size_t v = 0; v < scene->view_count && list->cameras; ++v) {
-        const sgs_view *view = &scene->views[v];
-        if (choice->view || view_in_split(view, split))
-            list->cameras[list->count++] = (named_camera){
-                .name = format_text("%s", view->name), .camera = view->camera, .pose = view->pose};
+    if (!list->cameras) {
+        fail_run("no memory for the cameras of %zu views", scene->view_count);
+        return false;
     }
-    if (list->cameras && list->count)
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        const sgs_view *view = &scene->views[v];
+        list->cameras[list->count++] = (named_camera){
+            .name = format_text("%s", view->name), .camera = view->camera, .pose = view->pose};
+    }
+    if (!name_files(list))
+        return false;
+    if (choice->view)
         return keep_view(scene->path, choice->view, list);
+    keep_split(scene, split, list);
+    if (list->count)
+        return true;
     fail_run(
         "%s: no views in this split; hold images out with --eval, --test-every or --test-images",
         scene->path);
@@ -156,7 +184,8 @@ static bool file_cameras(const camera_choice *choice, camera_list *list)
     if ((!stat(choice->file, &status) && S_ISDIR(status.st_mode)) ||
         camera_file_is_scene(choice->file))
         return data_set_cameras(choice, list);
-    return camera_file_read(choice->file, list) && keep_view(choice->file, choice->view, list);
+    return camera_file_read(choice->file, list) && name_files(list) &&
+           keep_view(choice->file, choice->view, list);
 }
 
 static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
@@ -165,10 +194,12 @@ static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, 
         return file_cameras(choice, list);
     if (choice->orbit)
         return camera_path_orbit(
-            scene, &(path_options){choice->orbit, choice->arc, choice->keep_lens}, list);
+                   scene, &(path_options){choice->orbit, choice->arc, choice->keep_lens}, list) &&
+               name_files(list);
     if (choice->spiral)
         return camera_path_spiral(scene, &(path_options){choice->spiral, 0, choice->keep_lens},
-                                  list);
+                                  list) &&
+               name_files(list);
     return scene_cameras(choice, scene, list);
 }
 
@@ -180,15 +211,6 @@ static void reshape(const camera_choice *choice, sgs_camera *camera)
                                              sized ? choice->height : camera->height);
     else if (sized)
         *camera = sgs_camera_reframed(camera, choice->width, choice->height);
-}
-
-static bool name_files(camera_list *list)
-{
-    char **stems = file_stems(&list->cameras->name, sizeof *list->cameras, list->count);
-    for (size_t i = 0; stems && i < list->count; ++i)
-        list->cameras[i].stem = stems[i];
-    free(stems);
-    return stems != NULL;
 }
 
 static bool frames_exist(const frame_range *range, size_t count)
@@ -205,8 +227,7 @@ static bool frames_exist(const frame_range *range, size_t count)
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
     *list = (camera_list){0};
-    if (!source_cameras(choice, scene, list) || !frames_exist(&choice->frames, list->count) ||
-        !name_files(list)) {
+    if (!source_cameras(choice, scene, list) || !frames_exist(&choice->frames, list->count)) {
         camera_list_free(list);
         return false;
     }

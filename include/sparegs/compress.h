@@ -99,6 +99,9 @@ typedef struct sgs_compress_info {
 
 // The name of a method, as on the command line: "lightgaussian"; NULL for an unknown one.
 SGS_API const char *sgs_compress_method_name(sgs_compress_method method);
+// The command-line name of the only option that the presets of a method set: "keep", "vq-ratio" or
+// "step-scale"; NULL if they set several, or for an unknown method.
+SGS_API const char *sgs_compress_preset_option(sgs_compress_method method);
 
 // Compresses a model to `path`, atomically: on failure an existing file is unchanged. info may be
 // NULL. Fails with INVALID_ARGUMENT (options out of range, a missing scene, an empty model),

@@ -37,6 +37,15 @@ const char *sgs_compress_method_name(sgs_compress_method method)
     return (unsigned)method < NAME_COUNT ? names[method] : NULL;
 }
 
+const char *sgs_compress_preset_option(sgs_compress_method method)
+{
+    static const char *const options[NAME_COUNT] = {[SGS_COMPRESS_LIGHTGAUSSIAN] = "vq-ratio",
+                                                    [SGS_COMPRESS_MESONGS] = "keep",
+                                                    [SGS_COMPRESS_GHAP] = "keep",
+                                                    [SGS_COMPRESS_FCGS_LIKE] = "step-scale"};
+    return (unsigned)method < NAME_COUNT ? options[method] : NULL;
+}
+
 // ---- Marks ----
 
 // Section "marks": 1 byte each for antialiased, colours named, and their space; 5 bytes of 0; the

@@ -347,15 +347,9 @@ static int check_values(const command_line *line, const compress_values *values)
                                    "without SCENE");
 }
 
-// Warns about SCENE and its options where the method does not read them.
-// A preset of these methods sets one option alone.
 static void warn_idle_preset(const command_line *line, int method)
 {
-    static const char *const names[] = {[SGS_COMPRESS_GHAP] = "keep",
-                                        [SGS_COMPRESS_MESONGS] = "keep",
-                                        [SGS_COMPRESS_LIGHTGAUSSIAN] = "vq-ratio",
-                                        [SGS_COMPRESS_FCGS_LIKE] = "step-scale"};
-    const char *name = (size_t)method < sizeof names / sizeof *names ? names[method] : NULL;
+    const char *name = sgs_compress_preset_option((sgs_compress_method)method);
     if (!name || !option_given(line, name))
         return;
     char *why = format_text("with --%s, the only value that it sets", name);
@@ -363,6 +357,7 @@ static void warn_idle_preset(const command_line *line, int method)
     free(why);
 }
 
+// Warns about options that the method does not read, and about SCENE if it does not.
 static void warn_idle_options(const command_line *line, const compress_values *values)
 {
     if (values->method == SGS_COMPRESS_FCGS_LIKE)

@@ -17,6 +17,7 @@
 #include "cli/progress.h"
 #include "run/plan_path.h"
 #include "run/sub_command.h"
+#include "sparegs/compress.h"
 
 // A kind of step.
 typedef struct post_kind {
@@ -176,31 +177,21 @@ static bool suits_method(const json_t *row, const char *method)
     return suits;
 }
 
-// The option that makes the presets of a method equal, or NULL.
+// The key of the option that makes the presets of a method equal, or NULL.
 static const char *preset_rival(const json_t *options, const char *method)
 {
-    static const struct {
-        const char *method, *option; // all that the presets of the method set
-    } rivals[] = {{"ghap", "keep"},
-                  {"mesongs", "keep"},
-                  {"lightgaussian", "vq_ratio"},
-                  {"fcgs-like", "step_scale"}};
-    const char *key;
+    const char *wanted = NULL, *found = NULL, *key, *name;
+    for (int m = 0; (name = sgs_compress_method_name((sgs_compress_method)m)); ++m)
+        if (!strcmp(name, method))
+            wanted = sgs_compress_preset_option((sgs_compress_method)m);
     json_t *value;
-    for (size_t k = 0; k < sizeof rivals / sizeof *rivals; ++k) {
-        char *wanted = option_name(rivals[k].option);
-        const char *found = NULL;
-        json_object_foreach((json_t *)options, key, value)
-        {
-            char *name = option_name(key);
-            found = strcmp(name, wanted) ? found : key;
-            free(name);
-        }
-        free(wanted);
-        if (found && !strcmp(rivals[k].method, method))
-            return found;
+    json_object_foreach((json_t *)options, key, value)
+    {
+        char *given = option_name(key);
+        found = wanted && !strcmp(given, wanted) ? key : found;
+        free(given);
     }
-    return NULL;
+    return found;
 }
 
 static bool check_options(const char *plan_path, const post_kind *kind, const json_t *options)

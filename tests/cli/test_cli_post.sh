@@ -113,6 +113,13 @@ jq -n '{plan: {pipelines: ["3dgs"], variants: [{name: "off"}, {name: "on"}],
     >"$temporary/hand/results.json"
 run 0 report "$temporary/hand" --pictures 0 --maps 0
 check figures_by_hand grep -qF '| 3dgs | prune-refine | x | all |  |  |  |  |  |  |  |  |  |  | -50.0 % | -50.00 % |' "$temporary/hand/report.md"
+# 100 points of a step: a row for each, all in the last one (seconds 2 to 101 for variant off, half for on).
+mkdir "$temporary/many"
+jq '.runs[].post |= (.[0] as $first | [range(1; 101) | $first + {point: "\(.)", bytes: ($first.bytes * .), seconds: ($first.seconds / 4 * (. + 1)),
+    test: ($first.test + {psnr: (20 + . / 10)})}])' "$temporary/hand/results.json" >"$temporary/many/results.json"
+run 0 report "$temporary/many" --pictures 0 --maps 0
+check a_row_for_each_point test "$(grep -cE '^\| 3dgs \| prune-refine \| x \| [0-9]+ \|' "$temporary/many/report.md")" = 100
+check all_points_count grep -qF '| 3dgs | prune-refine | x | all |  |  |  |  |  |  |  |  |  |  | -50.0 % | -50.00 % |' "$temporary/many/report.md"
 # A scene without a result at one point does not count: with b at other points the means form no curve.
 jq '(.runs[] | select(.scene == "b")) |= (.post |= map(select(.point != "0.5")) | .post[].bytes *= 100 | .post[].test.psnr += 3)' \
     "$temporary/hand/results.json" >"$temporary/hand/partial.json"

@@ -14,8 +14,15 @@
 #include "sparegs/rate_distortion.h"
 
 enum { BYTES, SECONDS, PSNR, SSIM, PERCEPTUAL, FIGURES };
-enum { MOST_POINTS = 64 };
 static const char *const formats[FIGURES] = {"%.2f", "%.2f", "%.2f", "%.4f", "%.4f"};
+
+static void *calloc_or_exit(size_t count, size_t size)
+{
+    void *memory = calloc(count + 1, size);
+    if (!memory)
+        exit(fail_run("out of memory"));
+    return memory;
+}
 
 static double number_of(const json_t *value)
 {
@@ -98,9 +105,8 @@ static bool *complete_scenes(const selection *chosen, const json_t *points)
 {
     const json_t *scenes = json_object_get(chosen->plan, "scenes");
     const size_t count = json_array_size(scenes);
-    bool *complete = calloc(count + 1, sizeof *complete), *has = calloc(count + 1, sizeof *has);
-    if (!complete || !has)
-        exit(fail_run("out of memory"));
+    bool *complete = calloc_or_exit(count, sizeof *complete),
+         *has = calloc_or_exit(count, sizeof *has);
     for (size_t s = 0; s < count; ++s)
         complete[s] = is_selected(chosen, json_array_get(scenes, s));
     for (size_t k = 0; k < json_array_size(points); ++k) {
@@ -165,17 +171,19 @@ static void put_delta(json_t *row, const char *format, double value)
 static void put_changes(json_t *table, const selection *chosen, const figures *base,
                         const figures *ours, size_t count)
 {
-    sgs_rd_point curves[2][MOST_POINTS];
+    sgs_rd_point *const base_curve = calloc_or_exit(2 * count, sizeof *base_curve),
+                        *const our_curve = base_curve + count;
     double seconds[2] = {0, 0};
     for (size_t k = 0; k < count; ++k) {
-        curves[0][k] = (sgs_rd_point){base[k].values[BYTES], base[k].values[PSNR]};
-        curves[1][k] = (sgs_rd_point){ours[k].values[BYTES], ours[k].values[PSNR]};
+        base_curve[k] = (sgs_rd_point){base[k].values[BYTES], base[k].values[PSNR]};
+        our_curve[k] = (sgs_rd_point){ours[k].values[BYTES], ours[k].values[PSNR]};
         seconds[0] += base[k].values[SECONDS];
         seconds[1] += ours[k].values[SECONDS];
     }
     sgs_bd bd = {.rate_percent = NAN, .psnr_db = NAN};
-    if (sgs_bd_compute(curves[0], count, curves[1], count, &bd))
+    if (sgs_bd_compute(base_curve, count, our_curve, count, &bd))
         bd.rate_percent = bd.psnr_db = NAN; // a model without primitives
+    free(base_curve);
     json_t *row = json_array();
     put_labels(row, chosen, "all");
     for (int k = 0; k < 2 * FIGURES; ++k)
@@ -189,10 +197,11 @@ static void put_changes(json_t *table, const selection *chosen, const figures *b
 // A row per point, and the changes. No rows if nothing is complete.
 static void put_group(json_t *table, const selection *chosen, const json_t *points)
 {
-    figures base[MOST_POINTS], ours[MOST_POINTS];
+    const size_t most = json_array_size(points);
+    figures *const base = calloc_or_exit(2 * most, sizeof *base), *const ours = base + most;
     bool *counts = complete_scenes(chosen, points);
     size_t count = 0;
-    for (size_t k = 0; k < json_array_size(points) && count < MOST_POINTS; ++k) {
+    for (size_t k = 0; k < most; ++k) {
         const char *point = json_string_value(json_array_get(points, k));
         group_figures(chosen, point, counts, &base[count], &ours[count]);
         if (isnan(base[count].values[BYTES]))
@@ -211,6 +220,7 @@ static void put_group(json_t *table, const selection *chosen, const json_t *poin
     if (count)
         put_changes(table, chosen, base, ours, count);
     free(counts);
+    free(base);
 }
 
 // The data sets of the plan, or its scenes, then all scenes if there are several.

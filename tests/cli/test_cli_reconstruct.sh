@@ -13,8 +13,15 @@ mkdir -p "$bin"
 cat >"$bin/colmap" <<'STANDIN'
 #!/usr/bin/env bash
 set -euo pipefail
-printf '%s\n' "--- $QT_QPA_PLATFORM" "$@" >>"$CALLS"
 command=$1
+if [ "${2:-}" = --help ]; then
+    case $command in
+    feature_extractor) echo "  --${FEATURE:-Sift}Extraction.use_gpu arg (=1)" ;;
+    *) echo "  --${FEATURE:-Sift}Matching.use_gpu arg (=1)" ;;
+    esac
+    exit 0
+fi
+printf '%s\n' "--- $QT_QPA_PLATFORM" "$@" >>"$CALLS"
 value() { while [ "$1" != "$2" ]; do set -- "$1" "${@:3}"; done; echo "$3"; }
 case $command in
 feature_extractor) echo "Processed file [1/3]"; echo x >"$(value --database_path "$@")" ;;
@@ -61,6 +68,15 @@ json "$temporary/stdout" '.registered == 35 and .photographs == 35 and .models =
 with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential
 calls sequential_matcher
 calls feature_extractor
+
+# options_have_the_names_of_the_installed_version
+: >"$CALLS"
+FEATURE=Feature with_standin run 0 reconstruct "$photos" -o "$temporary/renamed" --threads 1
+for stage in Extraction Matching; do
+    check "the_gpu_is_off: $stage" sh -c "grep -xA1 -- --Feature$stage.use_gpu '$CALLS' | grep -qx 0"
+    check "the_threads_are_given: $stage" sh -c "grep -xA1 -- --Feature$stage.num_threads '$CALLS' | grep -qx 1"
+done
+check no_earlier_name_is_given sh -c "! grep -q -- --Sift '$CALLS'"
 
 # files_of_the_user_are_refused_before_the_work
 foreign() { # MESSAGE SCENE

@@ -177,8 +177,8 @@ static bool note_stage(reconstruction *run, const char *stage)
     return write_json(run->state_path, json_incref(run->state));
 }
 
-// Progress parsed from COLMAP's log: "Processed file [3/16]", "Matching block [1/2, 1/2]",
-// "Registering image #5 (7)".
+// Progress parsed from COLMAP's log: "Processed file [3/16]", "Matching block [1/2, 1/2]" (since
+// 3.13 "Processing block"), "Registering image #5 (7)".
 typedef struct stage_progress {
     const char *label;
     size_t photos, done;
@@ -195,11 +195,8 @@ static void follow_log(void *context, const char *text)
     long long points;
     if ((at = strstr(text, "Processed file [")) && sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
         progress_count(progress->label, done, total);
-    else if ((at = strstr(text, "Matching block [")) &&
-             sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
-        progress_count(progress->label, done, total);
-    else if ((at = strstr(text, "Matching image [")) &&
-             sscanf(at + 16, "%zu/%zu", &done, &total) == 2)
+    else if (((at = strstr(text, "ing block [")) || (at = strstr(text, "ing image ["))) &&
+             sscanf(at + 11, "%zu/%zu", &done, &total) == 2)
         progress_count(progress->label, done, total);
     else if (strstr(text, "Registering image #"))
         progress_count(progress->label,
@@ -241,25 +238,52 @@ static int run_colmap(const reconstruction *run, const char *const *arguments,
     return result;
 }
 
+typedef struct option_search {
+    const char *name;
+    bool found;
+} option_search;
+
+static void look_for_option(void *context, const char *text)
+{
+    option_search *search = context;
+    search->found = search->found || strstr(text, search->name);
+}
+
+// True if the installed version of COLMAP lists an option in the help of a command. 3.13 moved the
+// options of SIFT that do not depend on the type of feature to other groups.
+static bool has_option(const reconstruction *run, const char *command, const char *name)
+{
+    const char *const arguments[] = {run->values->colmap, command, "--help", NULL};
+    char *log = format_text("%s/%s.log", run->work, command);
+    option_search search = {.name = name};
+    child_process child = {
+        .arguments = arguments, .log_path = log, .line = look_for_option, .context = &search};
+    child_run(&child); // the stage reports errors
+    free(log);
+    return search.found;
+}
+
 static int find_features(reconstruction *run, const char *threads)
 {
     const reconstruct_values *v = run->values;
+    const bool renamed = has_option(run, "feature_extractor", "--FeatureExtraction.use_gpu");
     const bool shared = v->cameras == 1 || (v->cameras == 0 && run->width);
-    const char *const arguments[] = {v->colmap,
-                                     "feature_extractor",
-                                     "--database_path",
-                                     run->database,
-                                     "--image_path",
-                                     run->photos_path,
-                                     "--ImageReader.camera_model",
-                                     v->camera_model,
-                                     "--ImageReader.single_camera",
-                                     shared ? "1" : "0",
-                                     "--SiftExtraction.use_gpu",
-                                     "0",
-                                     "--SiftExtraction.num_threads",
-                                     threads,
-                                     NULL};
+    const char *const arguments[] = {
+        v->colmap,
+        "feature_extractor",
+        "--database_path",
+        run->database,
+        "--image_path",
+        run->photos_path,
+        "--ImageReader.camera_model",
+        v->camera_model,
+        "--ImageReader.single_camera",
+        shared ? "1" : "0",
+        renamed ? "--FeatureExtraction.use_gpu" : "--SiftExtraction.use_gpu",
+        "0",
+        renamed ? "--FeatureExtraction.num_threads" : "--SiftExtraction.num_threads",
+        threads,
+        NULL};
     stage_progress progress = {.label = "features of photographs", .photos = run->count};
     return run_colmap(run, arguments, &progress);
 }
@@ -269,15 +293,18 @@ static int find_matches(reconstruction *run, const char *threads)
     const reconstruct_values *v = run->values;
     const bool exhaustive = v->matcher == MATCHER_AUTO ? run->count <= EXHAUSTIVE_MOST
                                                        : v->matcher == MATCHER_EXHAUSTIVE;
-    const char *const arguments[] = {v->colmap,
-                                     exhaustive ? "exhaustive_matcher" : "sequential_matcher",
-                                     "--database_path",
-                                     run->database,
-                                     "--SiftMatching.use_gpu",
-                                     "0",
-                                     "--SiftMatching.num_threads",
-                                     threads,
-                                     NULL};
+    const char *const command = exhaustive ? "exhaustive_matcher" : "sequential_matcher";
+    const bool renamed = has_option(run, command, "--FeatureMatching.use_gpu");
+    const char *const arguments[] = {
+        v->colmap,
+        command,
+        "--database_path",
+        run->database,
+        renamed ? "--FeatureMatching.use_gpu" : "--SiftMatching.use_gpu",
+        "0",
+        renamed ? "--FeatureMatching.num_threads" : "--SiftMatching.num_threads",
+        threads,
+        NULL};
     stage_progress progress = {.label = "matching", .photos = run->count};
     return run_colmap(run, arguments, &progress);
 }

@@ -253,6 +253,13 @@ static char *temporary_name(const char *path)
 
 sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
 {
+    struct stat info;
+    *file = (sgsi_atomic_file){0};
+    if (!stat(path, &info) && !S_ISREG(info.st_mode) && !S_ISDIR(info.st_mode))
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: is a device or a pipe, which the file would replace; choose the name "
+                         "of a file",
+                         path);
     *file = (sgsi_atomic_file){.path = sgsi_strdup(path), .temporary = temporary_name(path)};
     if (!file->path || !file->temporary) {
         sgsi_atomic_abort(file);

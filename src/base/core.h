@@ -83,7 +83,8 @@ typedef struct sgsi_atomic_file {
     char *path, *temporary;
 } sgsi_atomic_file;
 
-// Fails with IO or OUT_OF_MEMORY; the file then needs neither commit nor abort.
+// Fails with IO (also for a device or a pipe, which the file would replace) or OUT_OF_MEMORY; the
+// file then needs neither commit nor abort.
 sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path);
 // Renames into place. After a write error it removes the temporary file and fails with IO.
 sgs_status sgsi_atomic_commit(sgsi_atomic_file *file);

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include <cmocka.h>
 
@@ -46,6 +47,22 @@ static void two_open_writes_of_a_file_are_separate(void **state)
     assert_content(path, "the longer text");
     assert_int_equal(sgsi_atomic_commit(&second), SGS_STATUS_OK);
     assert_content(path, "short");
+    assert_int_equal(temp_folder_count(&folder), 1);
+    temp_folder_remove(&folder);
+}
+
+static void a_device_or_a_pipe_is_not_replaced(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "pipe");
+    sgsi_atomic_file file;
+    struct stat info;
+    assert_int_equal(mkfifo(path, 0600), 0);
+    assert_int_equal(sgsi_atomic_open(&file, path), SGS_STATUS_IO);
+    assert_non_null(strstr(sgs_last_error(), "pipe: is a device or a pipe"));
+    assert_int_equal(stat(path, &info), 0);
+    assert_true(S_ISFIFO(info.st_mode));
     assert_int_equal(temp_folder_count(&folder), 1);
     temp_folder_remove(&folder);
 }
@@ -125,6 +142,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(two_open_writes_of_a_file_are_separate),
+        cmocka_unit_test(a_device_or_a_pipe_is_not_replaced),
         cmocka_unit_test(threads_that_write_one_file_leave_a_whole_one),
         cmocka_unit_test(folders_are_made_with_their_parents),
         cmocka_unit_test(a_folder_without_a_name_is_refused),

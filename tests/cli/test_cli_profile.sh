@@ -27,6 +27,14 @@ json "$temporary/stdout" 'all(.trees[]; .gather_with_depth_bound_core_seconds > 
 json "$temporary/trace.json" '.traceEvents | map(.name) | contains(["bvh_build", "iteration 1", "backward"])'
 json "$temporary/trace.json" '[.traceEvents[] | select(.name == "bvh_build" or (.name | startswith("iteration")))] |
     . as $s | all(range(1; length); $s[.].ts >= $s[. - 1].ts + $s[. - 1].dur)'
+# a_device_or_a_pipe_is_not_replaced (as root, --trace /dev/null would remove the device)
+mkfifo "$temporary/pipe" "$temporary/pipe.ply"
+run 1 profile "$model" "$room" --view 0009 --repeat 1 --samples 0 --threads 1 --trace "$temporary/pipe" --quiet
+one_line
+reports "pipe: is a device or a pipe; choose the name of a file"
+run 1 convert "$model" "$temporary/pipe.ply" --quiet
+one_line
+for name in pipe pipe.ply; do check "$name is still a pipe" test -p "$temporary/$name"; done
 run 0 profile "$model" "$room" --view 0009 --repeat 1 --samples 0 --threads 1 --filter mip --json --quiet
 json "$temporary/stdout" '.view.sampled_hits == null and .view.hits_per_ray > 1'
 for map in profile tiles; do

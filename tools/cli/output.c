@@ -69,9 +69,21 @@ bool make_folder(const char *path)
     return true;
 }
 
+// An output is renamed to its name at the end. That would remove a device such as /dev/null.
+static bool check_replaceable(const char *path)
+{
+    struct stat info;
+    if (stat(path, &info) || S_ISREG(info.st_mode) || S_ISDIR(info.st_mode))
+        return true;
+    fail_run("%s: is a device or a pipe; choose the name of a file", path);
+    return false;
+}
+
 bool make_folder_of(const char *path)
 {
     const char *slash = strrchr(path, '/');
+    if (!check_replaceable(path))
+        return false;
     if (!slash || slash == path)
         return true;
     char *folder = format_text("%.*s", (int)(slash - path), path);
@@ -106,6 +118,8 @@ bool check_output(const char *path)
     struct stat info = {0};
     if (!stat(path, &info) && S_ISDIR(info.st_mode))
         return fail_file(path, "cannot be written", EISDIR);
+    if (!check_replaceable(path))
+        return false;
     char *folder = format_text("%s%s", *path == '/' ? "" : "./", path);
     do { // the nearest folder that exists
         char *slash = strrchr(folder, '/');
@@ -141,6 +155,8 @@ int free_number(const char *folder, const char *stem, const char *ending)
 
 bool write_text(const char *path, const char *text)
 {
+    if (!check_replaceable(path))
+        return false;
     char *temporary = format_text("%s.tmp.%ld", path, (long)getpid());
     errno = 0;
     FILE *stream = fopen(temporary, "wb");

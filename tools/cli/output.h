@@ -18,7 +18,8 @@ char *format_text(const char *format, ...) __attribute__((format(printf, 1, 2)))
 
 // Creates a folder and its parents. Succeeds if it exists.
 bool make_folder(const char *path);
-// Creates the parent folder of a file.
+// Creates the parent folder of a file. Fails if the file exists and is a device or a pipe, which
+// the output would replace.
 bool make_folder_of(const char *path);
 // Checks that files can be created in a folder by creating and removing one.
 bool check_writable(const char *folder);

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # package_is_usable: installs into a temporary folder, then builds and runs the consumer project against it with
-# find_package and with pkg-config.
+# find_package and with pkg-config. Absolute folders in sparegs.pc and in the run path.
 set -euo pipefail
 
 temporary=$(mktemp -d)
@@ -34,3 +34,13 @@ for flag in "${flags[@]}"; do
 done
 "$CC" -std=c17 "$SPAREGS_SOURCE/tests/project/consumer/consumer.c" "${flags[@]}" "${run_paths[@]}" -o "$temporary/by_pkg_config"
 "$temporary/by_pkg_config"
+
+# absolute_folders_remain_as_they_are
+cmake -S "$SPAREGS_SOURCE" -B "$temporary/absolute" -DSPAREGS_TESTS=OFF -DBUILD_SHARED_LIBS=ON -DCMAKE_INSTALL_PREFIX="$temporary/a" \
+    -DCMAKE_INSTALL_LIBDIR="$temporary/b/lib" -DCMAKE_INSTALL_INCLUDEDIR="$temporary/c/include" >"$temporary/log" 2>&1 ||
+    { cat "$temporary/log"; exit 1; }
+for expected in "libdir $temporary/b/lib" "includedir $temporary/c/include" "prefix $temporary/a"; do
+    found=$(pkg-config --variable="${expected%% *}" "$temporary/absolute/sparegs.pc")
+    [ "$found" = "${expected#* }" ] || { echo "FAIL: ${expected%% *} of sparegs.pc is $found"; exit 1; }
+done
+grep -qF "RPATH \"$temporary/b/lib\"" "$temporary/absolute/cmake_install.cmake" || { echo "FAIL: the run path of the program"; exit 1; }

@@ -37,6 +37,10 @@ done
 configure() { cmake -S "$SPAREGS_SOURCE" -B "$temporary/$1" -DSPAREGS_MPI="$1" -DSPAREGS_TESTS=OFF "${@:2}" >"$temporary/log" 2>&1; }
 configure OFF || fail "SPAREGS_MPI=OFF"
 if cmake --build "$temporary/OFF" --target help | grep ranks-; then fail "SPAREGS_MPI=OFF builds a plug-in"; fi
+configure off || fail "SPAREGS_MPI=off"
+if cmake --build "$temporary/off" --target help | grep ranks-; then fail "SPAREGS_MPI=off builds a plug-in"; fi
+if configure none; then fail "SPAREGS_MPI=none is accepted"; fi
+grep -q "SPAREGS_MPI is 'none'; it must be AUTO, ON or OFF" "$temporary/log" || fail "message of SPAREGS_MPI=none"
 # A pkg-config that knows no MPI library.
 real=$(command -v pkg-config)
 cat >"$temporary/pkg-config" <<END

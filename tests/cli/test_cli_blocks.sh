@@ -127,6 +127,10 @@ json "$temporary/stdout" '.seams.images == 2 and .seams.reference_psnr_seam == n
 check stdout_is_the_summary test "$(jq -Sc . "$temporary/stdout")" = "$(jq -Sc . "$temporary/merged/summary.json")"
 run 0 merge "$dir" -o "$temporary/without" --seam-images 0
 json "$temporary/without/summary.json" '.seams == null'
+run 1 merge "$dir" -o "$temporary/no" --seam-reference "$temporary/nowhere" --quiet
+one_line
+reports "nowhere: no such model"
+check nothing_was_merged test ! -e "$temporary/no"
 
 # other_blocks_are_refused
 mv "$dir/block_2" "$dir/block_9"

@@ -70,6 +70,7 @@ typedef struct merging {
     const merge_values *values;
     const common_values *common;
     merged_blocks blocks;
+    sgs_gaussians *reference; // of the seams, or NULL
     sgs_scene *scene;
     scene_values data;
     drawing_values drawing;
@@ -149,18 +150,16 @@ static bool write_run(merging *m)
     return done;
 }
 
-// Reads the model of --seam-reference. *reference: NULL if there is none. False after printing the
-// error.
-static bool read_reference(const merging *m, sgs_gaussians **reference)
+// Reads the model of --seam-reference, if there is one. False after printing the error.
+static bool read_reference(merging *m)
 {
     const char *given = m->values->reference,
                *start = json_string_value(config_option(m->blocks.configs[0], "init"));
     const char *path = given ? given : start && model_is(start) ? start : "none";
     model_path located;
-    *reference = NULL;
-    if (!strcmp(path, "none"))
+    if (!m->values->seam_images || !strcmp(path, "none"))
         return true;
-    const bool done = model_locate(path, &located) && model_read(&located, NULL, reference);
+    const bool done = model_locate(path, &located) && model_read(&located, NULL, &m->reference);
     model_path_free(&located);
     return done;
 }
@@ -168,18 +167,15 @@ static bool read_reference(const merging *m, sgs_gaussians **reference)
 static bool compare_seams(merging *m)
 {
     evaluator evaluation = {0}, other = {0};
-    sgs_gaussians *reference = NULL;
     if (!m->values->seam_images)
         return true;
-    bool done = read_reference(m, &reference) &&
-                evaluator_open(&evaluation, m->blocks.model, m->scene, &m->drawing) &&
-                (!reference || evaluator_open(&other, reference, m->scene, &m->drawing));
+    bool done = evaluator_open(&evaluation, m->blocks.model, m->scene, &m->drawing) &&
+                (!m->reference || evaluator_open(&other, m->reference, m->scene, &m->drawing));
     evaluation.exposures = other.exposures = m->blocks.exposures;
-    done = done && seam_report_make(&evaluation, reference ? &other : NULL, &m->blocks.plan,
+    done = done && seam_report_make(&evaluation, m->reference ? &other : NULL, &m->blocks.plan,
                                     (size_t)m->values->seam_images, &m->seams);
     evaluator_close(&evaluation);
     evaluator_close(&other);
-    sgs_gaussians_destroy(reference);
     return done;
 }
 
@@ -227,7 +223,7 @@ static int merge(merging *m, const command_line *line)
     const int status = open_scene(m, line);
     if (status >= 0)
         return status;
-    if (!merged_blocks_read(&m->blocks) || interrupt_signal())
+    if (!read_reference(m) || !merged_blocks_read(&m->blocks) || interrupt_signal())
         return interrupt_signal() ? interrupt_status() : EXIT_FAILED;
     if (!run_folder_prepare(&m->folder, out))
         return EXIT_FAILED;
@@ -264,6 +260,7 @@ int command_merge(int argc, char **argv)
     interrupt_watch();
     status = merge(&m, &call.line);
     sgs_scene_destroy(m.scene);
+    sgs_gaussians_destroy(m.reference);
     merged_blocks_free(&m.blocks);
     return status;
 }

@@ -116,6 +116,18 @@ with_standin run 0 reconstruct "$temporary/linked" -o "$temporary/unlinked" --js
 json "$temporary/stdout" '.photographs == 35'
 check one_warning_per_link test "$(grep -c "is a link to a folder, which COLMAP does not follow" "$temporary/stderr")" = 2
 
+# a_changed_photograph_is_noticed (also if its name is not UTF-8)
+for name in a.jpg $'\xe9.jpg'; do
+    cp -r "$photos" "$temporary/changed"
+    cp "$photos/0001.jpg" "$temporary/changed/$name"
+    with_standin run 0 reconstruct "$temporary/changed" -o "$temporary/changed_scene" --quiet
+    cp "$photos/0002.jpg" "$temporary/changed/$name"
+    : >"$CALLS"
+    with_standin run 0 reconstruct "$temporary/changed" -o "$temporary/changed_scene" --quiet
+    calls feature_extractor
+    rm -r "$temporary/changed" "$temporary/changed_scene"
+done
+
 # a_failure_reports_colmaps_last_lines_and_is_resumed
 FAIL=1 with_standin run 1 reconstruct "$photos" -o "$temporary/second" --quiet
 one_line

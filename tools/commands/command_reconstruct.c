@@ -116,6 +116,17 @@ static bool is_link(const char *path)
     return !lstat(path, &info) && S_ISLNK(info.st_mode);
 }
 
+// Appends a name. JSON cannot hold one that is not UTF-8: its bytes above 127 become \xNN.
+static void append_name(json_t *list, const char *name)
+{
+    json_t *text = json_string(name);
+    char *escaped = text ? NULL : calloc(4 * strlen(name) + 1, 1), *to = escaped;
+    for (const char *from = name; escaped && *from; ++from)
+        to += sprintf(to, *from & 0x80 ? "\\x%02x" : "%c", (unsigned char)*from);
+    json_array_append_new(list, text ? text : json_string(escaped));
+    free(escaped);
+}
+
 // Counts the photographs below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
 // COLMAP does, it follows links to photographs and not links to folders, which can form cycles.
 static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
@@ -145,7 +156,7 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
                     run->width = run->height = 0;
                 char *line = format_text("%s %lld %lld", name, (long long)info.st_size,
                                          (long long)info.st_mtime);
-                json_array_append_new(made_from, json_string(line));
+                append_name(made_from, line);
                 free(line);
             }
         }
@@ -527,7 +538,7 @@ static int reconstruct(reconstruction *run, bool json)
     if (!run->photos_path) {
         fail_run("%s: %s", run->photos, strerror(errno));
     } else if (list_photos(run, run->photos_path, "", 0, made_from)) {
-        json_array_append_new(made_from, json_string(run->photos_path));
+        append_name(made_from, run->photos_path);
         json_array_append_new(made_from, json_string(v->camera_model));
         json_array_append_new(made_from, json_integer(v->matcher));
         json_array_append_new(made_from, json_integer(v->cameras));

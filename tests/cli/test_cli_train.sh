@@ -169,4 +169,20 @@ reports "--opaque was true when the run started"
 run 2 train "$room" --downscale 8 -o "$temporary/none" --opaque --alpha-loss 0
 reports "--opaque requires --alpha-loss above 0"
 
+# names_that_json_cannot_hold_are_refused: without them in config.json, eval would take another split, other images or masks
+latin=$temporary/latin
+cp -r "$room" "$latin"
+mv "$latin/images/0004.jpg" "$latin/images/"$'\xe9''004.jpg'
+LC_ALL=C sed -i 's/0004\.jpg/\xe9004.jpg/' "$latin/sparse/0/images.bin"
+for option in images masks test-images; do
+    run 2 train "$latin" --downscale 16 -o "$temporary/refused" --iterations 1 "--$option" $'\xe9''004.jpg' --quiet
+    reports "--$option: '"
+    reports "is not UTF-8, and config.json cannot record it; rename the file or folder"
+done
+run 1 train "$latin" --downscale 16 -o "$temporary/refused" --iterations 1 --exposure --quiet
+one_line
+reports "is not UTF-8, and exposure.json cannot contain it; rename the file and its entry in the scene"
+check nothing_was_trained test ! -e "$temporary/refused/config.json"
+run 0 train "$latin" --downscale 16 -o "$temporary/accepted" --iterations 1 --eval --quiet
+
 finish

@@ -331,6 +331,21 @@ bool view_in_split(const sgs_view *view, sgs_split split)
     return split == SGS_SPLIT_ALL || view->split == split;
 }
 
+bool scene_names_are_text(const sgs_scene *scene, const char *where)
+{
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        json_t *text = json_string(scene->views[v].name);
+        json_decref(text);
+        if (text)
+            continue;
+        fail_run("%s: the name of image %s is not UTF-8, and %s cannot contain it; rename the file "
+                 "and its entry in the scene",
+                 scene->path, scene->views[v].name, where);
+        return false;
+    }
+    return true;
+}
+
 size_t scene_split_count(const sgs_scene *scene, sgs_split split)
 {
     size_t count = 0;

@@ -71,6 +71,9 @@ sgs_scene *scene_open_cameras(const char *path, const scene_values *values, int 
 bool scene_open_was_cancelled(void);
 // Warns about options that have no effect on a scene whose images are loaded.
 void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const command_line *line);
+// False after printing the error if a view has a name that JSON cannot hold; `where`: what would
+// have to contain it.
+bool scene_names_are_text(const sgs_scene *scene, const char *where);
 // Number of views in a split.
 size_t scene_split_count(const sgs_scene *scene, sgs_split split);
 bool view_in_split(const sgs_view *view, sgs_split split);

@@ -541,6 +541,23 @@ static bool is_late(const train_values *values)
     return false;
 }
 
+int train_scene_check(const scene_values *scene)
+{
+    const struct {
+        const char *name, *text;
+    } options[] = {
+        {"images", scene->images}, {"masks", scene->masks}, {"test-images", scene->test_images}};
+    for (size_t k = 0; k < sizeof options / sizeof *options; ++k) {
+        json_t *text = options[k].text ? json_string(options[k].text) : json_null();
+        json_decref(text);
+        if (!text)
+            return fail_usage("--%s: '%s' is not UTF-8, and config.json cannot record it; rename "
+                              "the file or folder",
+                              options[k].name, options[k].text);
+    }
+    return -1;
+}
+
 int train_values_check(const train_values *values, const command_line *line)
 {
     const sgs_train_options *o = &values->options;

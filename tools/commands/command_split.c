@@ -83,22 +83,6 @@ static void print_plan(const sgs_blocks *blocks)
     }
 }
 
-// False after printing the error if the plan cannot name a view.
-static bool names_are_text(const sgs_scene *scene)
-{
-    for (size_t v = 0; v < scene->view_count; ++v) {
-        json_t *text = json_string(scene->views[v].name);
-        json_decref(text);
-        if (text)
-            continue;
-        fail_run("%s: the name of image %s is not UTF-8, and a plan of blocks cannot contain it; "
-                 "rename the file and its entry in the scene",
-                 scene->path, scene->views[v].name);
-        return false;
-    }
-    return true;
-}
-
 static json_t *plan_result(const json_t *plan)
 {
     json_t *list = json_array();
@@ -166,7 +150,7 @@ int command_split(int argc, char **argv)
     if (sgs_scene_load(call.line.operands[0], &options, &scene))
         return fail_library();
     sgs_blocks blocks = {0};
-    bool done = names_are_text(scene);
+    bool done = scene_names_are_text(scene, "a plan of blocks");
     if (done && sgs_blocks_plan(scene, &values.plan, &blocks)) {
         fail_library();
         done = false;

@@ -103,6 +103,8 @@ static bool load_scene(training *run)
         return false;
     if (run->plan.root && !block_plan_is_of(&run->plan, run->values.region_plan, run->scene))
         return false;
+    if (run->values.options.exposure && !scene_names_are_text(run->scene, "exposure.json"))
+        return false;
     run->load_seconds = clock_seconds() - start;
     scene_warn_idle(run->scene, &run->data, run->line);
     const bool random = run->values.options.background_random; // of --opaque, too
@@ -735,6 +737,8 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
     int status = command_line_parse(line, argc, argv);
     if (status < 0)
         status = scene_resolve(&run->data, line, NULL);
+    if (status < 0)
+        status = train_scene_check(&run->data);
     train_resolve(&run->values, line, run->common.seed);
     if (status < 0)
         status = train_region_resolve(&run->values);

@@ -116,7 +116,7 @@ typedef struct sgs_scene {
     uint8_t *colors;               // [point_count][3], sRGB
     size_t images_missing;         // views skipped because their image file is missing or broken
     size_t images_unposed;         // files in the image folder without a pose (ignored)
-    size_t masks;                  // views with a mask file
+    size_t masks;                  // views with a mask file, also if it excludes every pixel
     size_t pixels_broken;          // pixels with NaN or infinite values; they are invalid
     size_t photo_bytes;            // size of all photographs when decoded; 0 with cameras_only
     struct sgs_scene_store *store; // internal: the image cache; NULL = all photographs are in views

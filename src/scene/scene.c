@@ -485,8 +485,8 @@ static void drop_view(sgs_view *view)
 
 // Counts for the warnings about all views.
 typedef struct view_tally {
-    size_t masked_out, broken, mismatched;
-    const char *first_mismatched; // name
+    size_t masked_out, masked_files, broken, mismatched; // masked_files: of masked_out, by a file
+    const char *first_mismatched;                        // name
     bool downscaled;
 } view_tally;
 
@@ -529,6 +529,7 @@ static bool is_usable(loader *l, size_t i, view_tally *tally)
         if (tally->masked_out++ < MAX_WARNINGS)
             sgsi_warn("%s: mask excludes every pixel; the view is skipped",
                       view->mask_path ? view->mask_path : view->image_path);
+        tally->masked_files += view->mask_path != NULL;
         return false;
     }
     return true;
@@ -584,14 +585,16 @@ static sgs_status report_no_views(const loader *l, size_t count, const view_tall
 
 static void warn_about_views(const loader *l, const view_tally *tally)
 {
-    const sgs_scene *scene = l->scene;
+    sgs_scene *scene = l->scene;
+    const size_t used = scene->masks;
+    scene->masks += tally->masked_files;
     if (!scene->masks && l->mask_folder)
         sgsi_warn(
             "%s: the mask folder contains no mask named after an image (NAME.png or STEM.png)",
             scene->path);
-    if (scene->masks && scene->masks < scene->view_count)
+    if (scene->masks && used < scene->view_count)
         sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels are used", scene->path,
-                  scene->view_count - scene->masks, scene->view_count);
+                  scene->view_count - used, scene->view_count);
     if (tally->downscaled)
         sgsi_warn(
             "%s: images wider than %d px are reduced to %d px; use option downscale 1 to keep "

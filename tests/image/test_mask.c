@@ -212,6 +212,9 @@ static void views_without_valid_pixels_are_skipped(void **state)
     sgs_scene *scene = load(&folder, NULL);
     assert_int_equal(scene->view_count, 3);
     assert_holds(warnings, "masks/a.png: mask excludes every pixel; the view is skipped");
+    assert_null(strstr(warnings, "contains no mask")); // it has that one
+    assert_holds(warnings, "3 of 3 images have no mask");
+    assert_int_equal(scene->masks, 1);
     sgs_scene_destroy(scene);
     put_mask(&folder, "masks/b.png", 1, 0, 0, WIDTH, HEIGHT);
     put_mask(&folder, "masks/sub/c.png", 1, 0, 0, WIDTH, HEIGHT);

@@ -158,6 +158,20 @@ cp "$temporary/state" "$state"
 with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
 check all_stages_were_kept test "$(grep -c '^---' "$CALLS")" = 1
 
+# stages_whose_files_were_removed_are_repeated
+repeated() { # STAGES
+    : >"$CALLS"
+    with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
+    check "stages and the analysis: $1" test "$(grep -c '^---' "$CALLS")" = $(($1 + 1))
+}
+rm -r "$temporary/second/colmap/models"
+repeated 1
+rm "$temporary/second/colmap/database.db"
+repeated 0
+rm -r "$temporary/second/colmap/models"
+repeated 3
+repeated 0
+
 # error_messages
 NONE=1 with_standin run 1 reconstruct "$photos" -o "$temporary/third" --quiet
 one_line

@@ -508,6 +508,17 @@ static bool open_state(reconstruction *run, json_t *made_from)
     return write_json(run->state_path, json_incref(run->state));
 }
 
+// Discards stages whose files were removed. The models do not require the database any more.
+static void forget_removed(reconstruction *run)
+{
+    json_t *stages = json_object_get(run->state, "stages");
+    if (!stage_done(run, "models") || !file_exists(run->models)) {
+        const size_t kept = file_exists(run->database) ? 2 : 0; // features and matches
+        while (json_array_size(stages) > kept)
+            json_array_remove(stages, json_array_size(stages) - 1);
+    }
+}
+
 static int run_stages(reconstruction *run)
 {
     static const struct {
@@ -516,6 +527,7 @@ static int run_stages(reconstruction *run)
     } stages[] = {{"features", find_features}, {"matches", find_matches}, {"models", find_cameras}};
     char threads[16];
     snprintf(threads, sizeof threads, "%d", sgs_threads_get());
+    forget_removed(run);
     for (size_t i = 0; i < sizeof stages / sizeof *stages; ++i) {
         if (stage_done(run, stages[i].name))
             continue;

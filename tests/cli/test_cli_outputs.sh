@@ -20,6 +20,23 @@ json "$temporary/stdout" '.images | length == 35'
 run 0 eval "$model/point_cloud/iteration_40/point_cloud.ply" "$room" --downscale 4 --test-images 0002.jpg,0003.jpg --json
 json "$temporary/stdout" '[.images[].name] == ["0002.jpg", "0003.jpg"]'
 
+# missing_and_damaged_colour_maps_are_reported
+run 0 train "$room" -o "$temporary/exposed" --downscale 16 --exposure --iterations 5 --quiet
+maps=$temporary/exposed/exposure.json
+for damage in '.["0009.jpg"] = [[1, 2]]' '.["0009.jpg"][2][3] = "0"' '[.]'; do
+    mv "$maps" "$temporary/maps.json"
+    jq "$damage" "$temporary/maps.json" >"$maps"
+    run 1 eval "$temporary/exposed" "$room" --quiet
+    one_line
+    reports "exposure.json: file is damaged"
+    mv "$temporary/maps.json" "$maps"
+done
+run 0 eval "$temporary/exposed" "$room" --quiet
+check no_warning test ! -s "$temporary/stderr"
+rm "$maps"
+run 0 eval "$temporary/exposed" "$room" --quiet
+reports "exposure.json: does not exist; the colour maps of the run are not used"
+
 # eval_saves_renders_and_photographs
 run 0 eval "$model" "$room" --save "$temporary/saved"
 prints "mean"

@@ -36,17 +36,33 @@ bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer 
     return true;
 }
 
+static bool is_complete(json_t *exposures)
+{
+    const char *name;
+    json_t *rows;
+    double map[12];
+    bool complete = json_is_object(exposures);
+    json_object_foreach(exposures, name, rows)
+    {
+        complete = complete && exposure_find(exposures, name, map);
+    }
+    return complete;
+}
+
 json_t *exposure_read(const char *path, bool *failed)
 {
     json_error_t error;
-    json_t *root = file_exists(path) ? load_json(path, 0, &error) : NULL;
-    if (file_exists(path) && !json_is_object(root)) {
-        fail_run("%s: file is damaged; train again, or evaluate the PLY file", path);
-        json_decref(root);
-        *failed = true;
+    if (!file_exists(path)) {
+        print_warning("%s: does not exist; the colour maps of the run are not used", path);
         return NULL;
     }
-    return root;
+    json_t *root = load_json(path, 0, &error);
+    if (is_complete(root))
+        return root;
+    fail_run("%s: file is damaged; train again, or evaluate the PLY file", path);
+    json_decref(root);
+    *failed = true;
+    return NULL;
 }
 
 bool exposure_find(const json_t *exposures, const char *name, double map[12])

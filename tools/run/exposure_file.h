@@ -15,7 +15,7 @@
 // Writes the maps of all training views, if exposure was optimised. False after printing the error.
 bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer *trainer);
 
-// NULL if the file does not exist, or with *failed set after printing the error.
+// NULL with a warning if the file does not exist, or with *failed set after printing the error.
 json_t *exposure_read(const char *path, bool *failed);
 
 // The map of an image. False if there is none.

@@ -7,6 +7,7 @@
 //
 // Read: all primitives of the default scene with the extension, with the transforms of their nodes
 // (rotation, translation, uniform scale). Values may be float, or normalised bytes and shorts.
+// Other contents of the scene may have any transform.
 
 #include "formats/model_format.h"
 
@@ -23,7 +24,7 @@
 enum {
     HEADER_BYTES = 12,
     CHUNK_HEADER_BYTES = 8,
-    MAX_NODES = 4096,
+    MAX_VISITS = 4096, // of nodes, unless the file has more: a tree visits each node once
     MAX_DEPTH = 64,
     MAX_PRIMITIVES = 1 << 20, // visited, with the instances of a mesh
     COMPONENT_BYTE = 5120,
@@ -232,6 +233,7 @@ static void read_colors(glb_file *file, const json_t *primitive, const json_t *s
     file->mixed = file->mixed || own.space != file->colors.space;
 }
 
+// transform: NULL if it is no similarity.
 static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_similarity *transform)
 {
     const json_t *primitive;
@@ -246,6 +248,11 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
             json_object_get(json_object_get(primitive, "extensions"), extension);
         if (!splatting)
             continue;
+        if (!transform)
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: the transform of a node is not a rotation, a translation and a "
+                             "positive uniform scale",
+                             file->path);
         glb_primitive opened;
         const sgs_status status = open_primitive(file, primitive, &opened);
         if (status)
@@ -304,9 +311,9 @@ static void quaternion_of(double m[3][3], double q[4])
     q[1 + k] = m[i][k] + m[k][i];
 }
 
-// The transform of a node within its parent.
-static sgs_status read_transform(const glb_file *file, const json_t *node, double *scale,
-                                 double quaternion[4], double translation[3])
+// The transform of a node within its parent; false if it is no similarity.
+static bool read_transform(const json_t *node, double *scale, double quaternion[4],
+                           double translation[3])
 {
     double matrix[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, scales[3] = {1, 1, 1},
            rotation[4] = {0, 0, 0, 1}, rows[3][3];
@@ -340,29 +347,15 @@ static sgs_status read_transform(const glb_file *file, const json_t *node, doubl
     for (int k = 0; k < 3; ++k)
         valid = valid && scales[k] > 0.0 && fabs(scales[k] - scales[0]) < 1e-3 * scales[0] &&
                 isfinite(translation[k]);
-    return valid && norm > 1e-12 && isfinite(norm) && isfinite(*scale)
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                           "%s: the transform of a node is not a rotation, a translation and a "
-                           "positive uniform scale",
-                           file->path);
+    return valid && norm > 1e-12 && isfinite(norm) && isfinite(*scale);
 }
 
-static sgs_status visit_node(glb_file *file, const json_t *index, const sgsi_similarity *parent,
-                             int depth)
+// The transform of a node in the scene.
+static sgsi_similarity combine(const sgsi_similarity *parent, double scale, const double q[4],
+                               const double translation[3])
 {
-    const json_t *node = element(file, "nodes", index), *mesh, *child;
-    double scale, quaternion[4], translation[3], moved[3], turned[4];
-    size_t k;
-    if (!node)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: a node of the scene does not exist", file->path);
-    if (depth > MAX_DEPTH || ++file->visits > MAX_NODES)
-        return sgsi_fail(SGS_STATUS_LIMIT, "%s: more than %d nodes, or nested deeper than %d",
-                         file->path, MAX_NODES, MAX_DEPTH);
-    sgs_status status = read_transform(file, node, &scale, quaternion, translation);
-    if (status)
-        return status;
-    const double *p = parent->quaternion, *q = quaternion;
+    double moved[3], turned[4];
+    const double *p = parent->quaternion;
     turned[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3];
     turned[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2];
     turned[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1];
@@ -372,13 +365,34 @@ static sgs_status visit_node(glb_file *file, const json_t *index, const sgsi_sim
                                     parent->rotation[i][1] * translation[1] +
                                     parent->rotation[i][2] * translation[2]) +
                    parent->translation[i];
-    const sgsi_similarity transform = sgsi_similarity_make(parent->scale * scale, turned, moved);
-    mesh = element(file, "meshes", json_object_get(node, "mesh"));
-    status = visit_mesh(file, mesh, &transform);
+    return sgsi_similarity_make(parent->scale * scale, turned, moved);
+}
+
+// parent: NULL if its transform is no similarity, and then nor is that of the node.
+static sgs_status visit_node(glb_file *file, const json_t *index, const sgsi_similarity *parent,
+                             int depth)
+{
+    const json_t *node = element(file, "nodes", index), *child;
+    const size_t nodes = json_array_size(json_object_get(file->root, "nodes")),
+                 most = nodes > MAX_VISITS ? nodes : MAX_VISITS;
+    double scale, quaternion[4], translation[3];
+    sgsi_similarity combined, *transform = NULL;
+    size_t k;
+    if (!node)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: a node of the scene does not exist", file->path);
+    if (depth > MAX_DEPTH || ++file->visits > most)
+        return sgsi_fail(SGS_STATUS_LIMIT, "%s: more than %zu nodes, or nested deeper than %d",
+                         file->path, most, MAX_DEPTH);
+    if (parent && read_transform(node, &scale, quaternion, translation)) {
+        combined = combine(parent, scale, quaternion, translation);
+        transform = &combined;
+    }
+    sgs_status status =
+        visit_mesh(file, element(file, "meshes", json_object_get(node, "mesh")), transform);
     json_array_foreach(json_object_get(node, "children"), k, child)
     {
         if (!status)
-            status = visit_node(file, child, &transform, depth + 1);
+            status = visit_node(file, child, transform, depth + 1);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 static const double C0 = 0.28209479177387814;
 
 typedef struct bytes {
-    unsigned char data[16384];
+    unsigned char data[32768];
     size_t size;
 } bytes;
 
@@ -437,11 +437,8 @@ static const char glb_text[] =
     "\"type\":\"SCALAR\"},"
     "{\"bufferView\":0,\"byteOffset\":24,\"componentType\":5126,\"count\":1,\"type\":\"VEC3\"}]}";
 
-static void glb_is_read_with_the_transforms_of_its_nodes(void **state)
+static sgs_gaussians *read_glb(const temp_folder *folder, const char *json, sgs_model_info *info)
 {
-    (void)state;
-    const temp_folder folder = temp_folder_make();
-    sgs_model_info info;
     bytes file = {.size = 0}, bin = {.size = 0};
     put_float(&bin, 1);
     put_float(&bin, 2);
@@ -455,8 +452,16 @@ static void glb_is_read_with_the_transforms_of_its_nodes(void **state)
     put_float(&bin, 0.1f);
     put_float(&bin, 0.2f);
     put_float(&bin, 0.3f);
-    put_glb(&file, glb_text, &bin);
-    sgs_gaussians *model = read_bytes(&folder, "a.glb", &file, &info);
+    put_glb(&file, json, &bin);
+    return read_bytes(folder, "a.glb", &file, info);
+}
+
+static void glb_is_read_with_the_transforms_of_its_nodes(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_model_info info;
+    sgs_gaussians *model = read_glb(&folder, glb_text, &info);
     assert_int_equal(info.format, SGS_MODEL_GLB);
     // Turned by 90 degrees about z, (x, y) -> (-y, x), doubled, moved; then x and y change signs.
     expect_row(model, 0, SGS_PARAM_MEAN, 3, (double[]){4, -2, 11});
@@ -466,6 +471,31 @@ static void glb_is_read_with_the_transforms_of_its_nodes(void **state)
     expect_row(model, 0, SGS_PARAM_ROTATION, 4, (double[]){0, -r, -r, 0});
     expect(model, 0, SGS_PARAM_OPACITY, logit(0.8));
     expect_row(model, 0, SGS_PARAM_SH_DC, 3, (double[]){0.1, 0.2, 0.3});
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+// A flattened object, its child, and 5000 empty nodes.
+static void glb_is_read_beside_nodes_of_other_kinds(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_model_info info;
+    bytes text = {.size = 0};
+    const char *scene = strstr(glb_text, "[0]}]"), *meshes = strstr(glb_text, "],\"meshes\"");
+    put(&text, glb_text, (size_t)(scene - glb_text));
+    put_text(&text, "[2,0");
+    for (int k = 0; k < 5000; ++k)
+        put_text(&text, ",3");
+    put_text(&text, "%.*s", (int)(meshes - scene) - 2, scene + 2);
+    put_text(&text, ",{\"scale\":[1,0,1],\"children\":[4]}");
+    for (int k = 0; k < 5002; ++k)
+        put_text(&text, ",{}");
+    put_text(&text, "%s", meshes);
+    put_u8(&text, 0);
+    sgs_gaussians *model = read_glb(&folder, (const char *)text.data, &info);
+    assert_int_equal(model->count, 1);
+    expect_row(model, 0, SGS_PARAM_MEAN, 3, (double[]){4, -2, 11});
     sgs_gaussians_destroy(model);
     temp_folder_remove(&folder);
 }
@@ -713,6 +743,7 @@ int main(void)
         cmocka_unit_test(compressed_ply_is_read),
         cmocka_unit_test(ksplat_is_read),
         cmocka_unit_test(glb_is_read_with_the_transforms_of_its_nodes),
+        cmocka_unit_test(glb_is_read_beside_nodes_of_other_kinds),
         cmocka_unit_test(sog_is_read),
         cmocka_unit_test(ply_is_read_with_its_filter_and_mark),
         cmocka_unit_test(usda_has_the_attributes_of_the_schema),

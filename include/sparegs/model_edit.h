@@ -23,7 +23,8 @@ typedef struct sgs_similarity {
     double translation[3]; // world units
 } sgs_similarity;
 
-// Fails with INVALID_ARGUMENT (scale or rotation); the model is then unchanged.
+// Fails with INVALID_ARGUMENT (scale, rotation or translation), or with LIMIT if a centre or a
+// scale would leave the range of float; the model is then unchanged.
 SGS_API sgs_status sgs_gaussians_transform(sgs_gaussians *model, const sgs_similarity *similarity);
 
 // Reduces the SH degree; coefficients above it are set to 0. No effect if the degree is not lower.

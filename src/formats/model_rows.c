@@ -7,9 +7,7 @@
 #include <string.h>
 
 #include "base/core.h"
-
-// exp(44)^2 is the largest square of a scale that float holds.
-static const float MOST_LOG_SCALE = 44.0f;
+#include "model/similarity.h"
 
 // For scales of 0: exp(-30) is 1e-13 world units.
 static const float LEAST_LOG_SCALE = -30.0f;
@@ -65,7 +63,7 @@ void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
         usable = usable && isfinite(params[k]);
     for (int k = 0; k < 3; ++k)
-        usable = usable && params[SGS_PARAM_SCALE + k] <= MOST_LOG_SCALE;
+        usable = usable && params[SGS_PARAM_SCALE + k] <= SGSI_MOST_LOG_SCALE;
     float *q = params + SGS_PARAM_ROTATION;
     const double norm =
         sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);

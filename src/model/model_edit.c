@@ -3,6 +3,7 @@
 
 #include "sparegs/model_edit.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -37,6 +38,26 @@ static void transform_range(void *context, size_t begin, size_t end, int thread)
     }
 }
 
+// The first primitive whose centre or scale would leave the range of model files; count if none.
+static size_t find_out_of_range(const sgs_gaussians *model, const sgsi_similarity *s)
+{
+    for (size_t i = 0; i < model->count; ++i) {
+        double mean[3];
+        for (int k = 0; k < 3; ++k) {
+            mean[k] = (double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k);
+            if ((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) + s->log_scale >
+                (double)SGSI_MOST_LOG_SCALE)
+                return i;
+        }
+        for (int k = 0; k < 3; ++k)
+            if (!(fabs(s->scale * (s->rotation[k][0] * mean[0] + s->rotation[k][1] * mean[1] +
+                                   s->rotation[k][2] * mean[2]) +
+                       s->translation[k]) <= (double)FLT_MAX))
+                return i;
+    }
+    return model->count;
+}
+
 sgs_status sgs_gaussians_transform(sgs_gaussians *model, const sgs_similarity *similarity)
 {
     double norm = 0.0;
@@ -51,6 +72,12 @@ sgs_status sgs_gaussians_transform(sgs_gaussians *model, const sgs_similarity *s
                          "finite translation");
     transform_job job = {model, sgsi_similarity_make(similarity->scale, similarity->rotation,
                                                      similarity->translation)};
+    const size_t wrong = find_out_of_range(model, &job.similarity);
+    if (wrong < model->count)
+        return sgsi_fail(SGS_STATUS_LIMIT,
+                         "the transform moves or scales primitive %zu beyond the range of float; "
+                         "use a smaller scale or translation",
+                         wrong);
     sgsi_parallel_ranges(model->count, 1024, transform_range, &job);
     return SGS_STATUS_OK;
 }

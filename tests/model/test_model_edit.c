@@ -144,6 +144,11 @@ static void invalid_transforms_change_nothing(void **state)
     sgs_gaussians_hash(model, before);
     for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c)
         assert_int_equal(sgs_gaussians_transform(model, &cases[c]), SGS_STATUS_INVALID_ARGUMENT);
+    static const sgs_similarity far[] = {{1, {1, 0, 0, 0}, {0, 1e39, 0}},
+                                         {1e38, {0, 1, 1, 0}, {0, 0, 0}},
+                                         {1e30, {1, 0, 0, 0}, {0, 0, 0}}};
+    for (size_t c = 0; c < sizeof far / sizeof *far; ++c)
+        assert_int_equal(sgs_gaussians_transform(model, &far[c]), SGS_STATUS_LIMIT);
     sgs_gaussians_hash(model, after);
     assert_string_equal(before, after);
     sgs_gaussians_destroy(model);

@@ -10,6 +10,7 @@
 #include <strings.h>
 
 #include "base/core.h"
+#include "base/plain_numbers.h"
 
 void sgsi_color_comments_write(FILE *stream, const sgs_model_colors *colors)
 {
@@ -18,14 +19,9 @@ void sgsi_color_comments_write(FILE *stream, const sgs_model_colors *colors)
         fprintf(stream, "comment ColorSpace: %s\n", linear ? "linear" : "srgb");
     if (!(colors->white_point > 0.0))
         return;
-    // Numbers use a decimal point, whatever the locale of the calling program.
-    const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
-    const locale_t earlier = plain ? uselocale(plain) : (locale_t)0;
+    const sgsi_plain_numbers numbers = sgsi_plain_numbers_begin();
     fprintf(stream, "comment WhitePoint: %.9g\n", colors->white_point);
-    if (plain) {
-        uselocale(earlier);
-        freelocale(plain);
-    }
+    sgsi_plain_numbers_end(&numbers);
 }
 
 const char *sgsi_colors_wrong(const sgs_model_colors *colors)

@@ -6,12 +6,12 @@
 
 #include "formats/point_cloud.h"
 
-#include <locale.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/core.h"
+#include "base/plain_numbers.h"
 #include "formats/ply_header.h"
 
 enum { X, Y, Z, RED, GREEN, BLUE, FIELD_COUNT };
@@ -162,13 +162,9 @@ sgs_status sgsi_point_cloud_read(const char *path, size_t *count, float **points
     cloud *c = sgsi_calloc(1, sizeof *c);
     if (!c)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
-    const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
-    const locale_t earlier = plain ? uselocale(plain) : (locale_t)0;
+    const sgsi_plain_numbers numbers = sgsi_plain_numbers_begin();
     const sgs_status status = read_cloud(c, path, count, points, colors);
-    if (plain) {
-        uselocale(earlier);
-        freelocale(plain);
-    }
+    sgsi_plain_numbers_end(&numbers);
     sgsi_ply_close(&c->stream);
     sgsi_free(c);
     if (status) {

@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/plain_numbers.h"
 #include "formats/model_rows.h"
 
 static const size_t WARN_COUNT = 2000000;
@@ -191,7 +192,9 @@ sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
     if (model->count > WARN_COUNT)
         sgsi_warn("%s: text takes about 0.9 kB per primitive; %zu primitives load slowly", path,
                   model->count);
+    const sgsi_plain_numbers numbers = sgsi_plain_numbers_begin();
     write_layer(file.stream, model, options);
+    sgsi_plain_numbers_end(&numbers);
     written->bytes = (uint64_t)ftell(file.stream);
     return sgsi_atomic_commit(&file);
 }

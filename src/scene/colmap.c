@@ -13,13 +13,13 @@
 
 #include <errno.h>
 #include <limits.h>
-#include <locale.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "base/core.h"
+#include "base/plain_numbers.h"
 #include "formats/point_cloud.h"
 
 enum {
@@ -625,14 +625,9 @@ sgs_status sgsi_colmap_read(const char *folder, sgsi_dataset *dataset)
     const bool binary = binary_present(folder);
     *dataset = (sgsi_dataset){.format = binary ? SGS_SCENE_COLMAP_BINARY : SGS_SCENE_COLMAP_TEXT};
     loader l = {.dataset = dataset};
-    // Numbers use a decimal point, whatever the locale of the calling program.
-    const locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
-    const locale_t earlier = plain ? uselocale(plain) : (locale_t)0;
+    const sgsi_plain_numbers numbers = sgsi_plain_numbers_begin();
     const sgs_status status = read_model(&l, folder, binary);
-    if (plain) {
-        uselocale(earlier);
-        freelocale(plain);
-    }
+    sgsi_plain_numbers_end(&numbers);
     sgsi_free(l.cameras);
     if (status)
         sgsi_dataset_free(dataset);

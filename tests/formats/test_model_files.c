@@ -12,6 +12,8 @@
 
 #include <cmocka.h>
 
+#include <locale.h>
+
 #include "support/files_support.h"
 #include "support/model_support.h"
 #include "support/scene_support.h"
@@ -256,6 +258,27 @@ static void usda_is_read(void **state)
     temp_folder_remove(&folder);
 }
 
+static void usda_is_written_in_any_language(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(3, 1), *back;
+    // With a decimal comma, where such a locale is installed.
+    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8"))
+        setlocale(LC_NUMERIC, "fr_FR.UTF-8");
+    const sgs_status status = sgs_model_write(temp_path(&folder, "a.usda"), model, NULL, NULL);
+    setlocale(LC_NUMERIC, "C");
+    assert_int_equal(status, SGS_STATUS_OK);
+    if (sgs_model_read(temp_path(&folder, "a.usda"), NULL, &back, NULL))
+        fail_msg("%s", sgs_last_error());
+    for (size_t i = 0; i < 3; ++i)
+        for (int k = 0; k < 3; ++k)
+            assert_true(model_value(back, i, k) == model_value(model, i, k));
+    sgs_gaussians_destroy(back);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 // Formats without the SH of the model: one warning that names the file, and none without a loss.
 static void omitted_sh_are_reported(void **state)
 {
@@ -402,7 +425,7 @@ static void glb_fallback_colors_are_linear(void **state)
 #define USD_SPLATS "    def ParticleField3DGaussianSplat \"Splats\""
 #define USD_HEAD                                                                                   \
     USD_SPLATS                                                                                     \
-        " (\n        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {\n        " USD_MARK
+    " (\n        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {\n        " USD_MARK
 
 // Marks of other programs: their words, other primaries, marks of other prims, and values that mean
 // nothing.
@@ -488,6 +511,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(usda_is_read),
+        cmocka_unit_test(usda_is_written_in_any_language),
         cmocka_unit_test(lod_levels_are_nested),
         cmocka_unit_test(a_sog_folder_is_replaced_as_a_whole),
         cmocka_unit_test(levels_of_detail_are_replaced_as_a_whole),

@@ -5,7 +5,8 @@
 // attributes (or their half twins, which the text also writes as numbers), colorSpace:name (its own
 // or that of the nearest prim above it, as in UsdColorSpaceAPI), our white point, upAxis, and
 // nothing else. No composition, no time samples; transforms above the prim are refused, because
-// they would have to rotate SH.
+// they would have to rotate SH. Many programs write every prim with operations that move nothing;
+// these are accepted.
 
 #include "formats/model_format.h"
 
@@ -173,6 +174,32 @@ static sgs_status read_numbers(usd_reader *reader, usd_values kind)
     }
 }
 
+// Whether the value of the transform operation moves nothing. Does not consume it.
+static bool is_identity(const usd_reader *reader, const char *operation)
+{
+    enum { MOST = 16 };
+    const bool matrix = !strncmp(operation, "transform", 9),
+               scales = !strncmp(operation, "scale", 5), orient = !strncmp(operation, "orient", 6),
+               zeros = !strncmp(operation, "translate", 9) || !strncmp(operation, "rotate", 6);
+    const char *at = reader->at + strspn(reader->at, " \t\r\n");
+    const bool scalar = *at != '(';
+    size_t count = 0;
+    for (; count < (scalar ? 1 : MOST); ++count) {
+        char *end;
+        at += strspn(at, " \t\r\n(),");
+        const double value = strtod_l(at, &end, reader->c_locale);
+        if (end == at)
+            break;
+        const double expected = matrix   ? (double)(count % 5 == 0)
+                                : orient ? (double)(count == 0)
+                                         : (double)scales;
+        if (!(value == expected))
+            return false;
+        at = end;
+    }
+    return matrix ? count == 16 : orient ? count == 4 : (scales || zeros) && count > 0;
+}
+
 // A token in double quotes, of the innermost open prim.
 static void read_color_space(usd_reader *reader)
 {
@@ -277,7 +304,7 @@ static sgs_status read_layer(usd_reader *reader)
                 skip_space(reader);
                 reader->z_up = reader->at + 1 < reader->end && reader->at[1] == 'Z';
             } else if (!strncmp(previous, "xformOp:", 8)) {
-                reader->open[reader->depth].transformed = true;
+                reader->open[reader->depth].transformed |= !is_identity(reader, previous + 8);
             } else if (!strcmp(previous, "colorSpace:name") && !parentheses) {
                 read_color_space(reader);
             } else if (reader->prim_depth && reader->depth == reader->prim_depth && !parentheses) {

@@ -473,6 +473,9 @@ static void usda_is_checked(void **state)
          "have a transform"},
         {"uniform token sortingModeHint",
          "double xformOp:rotateX = 90\nuniform token sortingModeHint", U, "have a transform"},
+        {"token sortingModeHint", "double xformOp:rotateX.timeSamples = { 0: 0 }\n", U,
+         "transform"},
+        {"token sortingModeHint", "quatf xformOp:orient = (0, 0, 0, 1)\n", U, "have a transform"},
         {"uniform token sortingModeHint", // after the splats, in the prim around them
          "}\ndouble xformOp:rotateX = 90\ndef Scope \"S\" {\nuniform token sortingModeHint", U,
          "have a transform"},

@@ -119,7 +119,8 @@ void sgsi_rows_abort(sgsi_rows *rows)
 float sgsi_logit(double opacity)
 {
     const double held = fmin(fmax(opacity, 1e-6), 1.0 - 1e-6);
-    return (float)log(held / (1.0 - held));
+    // NaN stays, so that the row is dropped.
+    return isnan(opacity) ? NAN : (float)log(held / (1.0 - held));
 }
 
 float sgsi_log_scale(double scale)

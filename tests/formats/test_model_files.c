@@ -261,6 +261,36 @@ static void usda_is_read(void **state)
     temp_folder_remove(&folder);
 }
 
+static void values_that_are_no_numbers_are_dropped(void **state)
+{
+    (void)state;
+    static const char *const changes[][2] = {{"[(1, 2, 3)]", "[(1, nan, 3)]"},
+                                             {"[(1, 0, 0, 0)]", "[(1, 0, 0, nan)]"},
+                                             {"[(1, 2, 4)]", "[(1, 2, -4)]"},
+                                             {"[0.5]", "[nan]"}};
+    static const char text[] =
+        "#usda 1.0\ndef ParticleField3DGaussianSplat \"P\"\n{\n"
+        "point3f[] positions = [(1, 2, 3)]\nquatf[] orientations = [(1, 0, 0, 0)]\n"
+        "float3[] scales = [(1, 2, 4)]\nfloat[] opacities = [0.5]\n"
+        "uniform int radiance:sphericalHarmonicsDegree = 0\n"
+        "float3[] radiance:sphericalHarmonicsCoefficients = [(0.1, 0.2, 0.3)]\n}\n";
+    const temp_folder folder = temp_folder_make();
+    for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k) {
+        sgs_gaussians *model;
+        sgs_model_info info;
+        const char *at = strstr(text, changes[k][0]), *rest = at + strlen(changes[k][0]);
+        char changed[1024];
+        snprintf(changed, sizeof changed, "%.*s%s%s", (int)(at - text), text, changes[k][1], rest);
+        file_put(temp_path(&folder, "a.usda"), changed, strlen(changed));
+        if (sgs_model_read(temp_path(&folder, "a.usda"), NULL, &model, &info))
+            fail_msg("%s", sgs_last_error());
+        if (model->count || info.dropped != 1)
+            fail_msg("%s was kept", changes[k][1]);
+        sgs_gaussians_destroy(model);
+    }
+    temp_folder_remove(&folder);
+}
+
 static void usda_is_written_in_any_language(void **state)
 {
     (void)state;
@@ -514,6 +544,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(usda_is_read),
+        cmocka_unit_test(values_that_are_no_numbers_are_dropped),
         cmocka_unit_test(usda_is_written_in_any_language),
         cmocka_unit_test(lod_levels_are_nested),
         cmocka_unit_test(a_sog_folder_is_replaced_as_a_whole),

@@ -263,6 +263,33 @@ static sgs_status find_voxel_size(const sgs_gaussians *model, const sgsi_keyed_r
     return status;
 }
 
+// Begins the grid at the lowest centre or, if it does not reach the highest one from there, around
+// the median, so that far outliers share the outermost voxels and the rest is resolved.
+static sgs_status place_grid(const sgs_gaussians *model, voxel_grid *grid)
+{
+    double *values = NULL;
+    for (int k = 0; k < 3; ++k) {
+        double low = INFINITY, high = -INFINITY;
+        for (size_t i = 0; i < model->count; ++i) {
+            const double value = (double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k);
+            low = fmin(low, value);
+            high = fmax(high, value);
+        }
+        grid->low[k] = low;
+        if (!grid->row_count || (high - low) / grid->size < VOXELS_PER_SIDE)
+            continue;
+        values = values ? values : sgsi_alloc(grid->row_count, sizeof *values);
+        if (!values)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", grid->row_count);
+        for (size_t i = 0; i < grid->row_count; ++i)
+            values[i] = (double)*sgs_gaussians_at(model, grid->rows[i].row, SGS_PARAM_MEAN + k);
+        qsort(values, grid->row_count, sizeof *values, compare_doubles);
+        grid->low[k] = values[grid->row_count / 2] - grid->size * (VOXELS_PER_SIDE / 2);
+    }
+    sgsi_free(values);
+    return SGS_STATUS_OK;
+}
+
 static uint64_t voxel_of(const sgs_gaussians *model, size_t i, const voxel_grid *grid)
 {
     uint64_t key = 0;
@@ -270,7 +297,8 @@ static uint64_t voxel_of(const sgs_gaussians *model, size_t i, const voxel_grid 
         const double cell = floor(
             ((double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k) - grid->low[k]) / grid->size);
         // One cell of margin on each side, so that neighbours do not wrap.
-        key = key << (VOXEL_BITS + 1) | (uint64_t)(fmin(cell, VOXELS_PER_SIDE - 1) + 1.0);
+        key =
+            key << (VOXEL_BITS + 1) | (uint64_t)(fmin(fmax(cell, 0.0), VOXELS_PER_SIDE - 1) + 1.0);
     }
     return key;
 }
@@ -329,21 +357,18 @@ static sgs_status fill_grid(const sgs_gaussians *model, const sgs_floater_option
     sgs_status status = SGS_STATUS_OK;
     if (!grid->rows || !grid->voxels || !grid->parents || !grid->members || !spare)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to connect %zu primitives", count);
-    for (int k = 0; k < 3; ++k)
-        grid->low[k] = INFINITY;
     for (size_t i = 0; !status && i < count; ++i) {
         const double opacity = 1.0 / (1.0 + exp(-(double)sgs_gaussians_opacity_logit(model, i)));
         if (opacity >= options->opacity)
             grid->rows[grid->row_count++].row = (uint32_t)i;
-        for (int k = 0; k < 3; ++k)
-            grid->low[k] =
-                fmin(grid->low[k], (double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k));
     }
     grid->size = options->voxel;
     if (!status && !(grid->size > 0.0) && grid->row_count > SGSI_KNN_NEIGHBOURS)
         status = find_voxel_size(model, grid->rows, grid->row_count, &grid->size);
     if (!status && !(grid->size > 0.0))
         grid->size = 1.0; // coincident or few primitives
+    if (!status)
+        status = place_grid(model, grid);
     for (size_t i = 0; !status && i < grid->row_count; ++i)
         grid->rows[i].key = voxel_of(model, grid->rows[i].row, grid);
     if (!status)

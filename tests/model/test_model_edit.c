@@ -316,6 +316,36 @@ static void floaters_are_small_components(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// A far primitive on either side of any axis does not join the components of the rest.
+static void floaters_are_found_beside_far_primitives(void **state)
+{
+    (void)state;
+    enum { GRID = 512, FAR = GRID + 4, ALL };
+    float points[3 * ALL] = {0};
+    for (int i = 0; i < FAR; ++i) {
+        points[3 * i] = 0.1f * (float)(i % 8);
+        points[3 * i + 1] = 0.1f * (float)(i / 8 % 8);
+        points[3 * i + 2] = 0.1f * (float)(i / 64);
+    }
+    for (int axis = 0; axis < 3; ++axis)
+        for (int side = -1; side <= 1; side += 2) {
+            for (int i = GRID; i < ALL; ++i)
+                for (int k = 0; k < 3; ++k)
+                    points[3 * i + k] = k == axis ? 5.0f : 0.1f;
+            points[3 * FAR + axis] = 1e7f * (float)side;
+            sgs_gaussians *model = points_model(points, ALL);
+            for (int automatic = 0; automatic < 2; ++automatic) {
+                unsigned char keep[ALL];
+                memset(keep, 1, sizeof keep);
+                const sgs_floater_options options = {automatic ? 0 : 0.2, 0.5, 0.1};
+                assert_int_equal(sgs_select_connected(model, &options, keep), SGS_STATUS_OK);
+                for (int i = 0; i < ALL; ++i)
+                    assert_int_equal(keep[i], i < GRID);
+            }
+            sgs_gaussians_destroy(model);
+        }
+}
+
 static void few_or_coincident_primitives_are_one_component(void **state)
 {
     (void)state;
@@ -342,6 +372,7 @@ int main(void)
         cmocka_unit_test(boxes_and_spheres_include_their_border),
         cmocka_unit_test(values_are_compared_as_named),
         cmocka_unit_test(floaters_are_small_components),
+        cmocka_unit_test(floaters_are_found_beside_far_primitives),
         cmocka_unit_test(few_or_coincident_primitives_are_one_component),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -412,15 +412,34 @@ static sgs_status choose_fractional_bits(const char *path, const sgs_gaussians *
                            path, largest, COORDINATE_MOST);
 }
 
+static double largest_log_scale(const sgs_gaussians *model, size_t i)
+{
+    double largest = -INFINITY;
+    for (int k = 0; k < 3; ++k)
+        largest = fmax(largest, (double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
+    return largest;
+}
+
+// One far primitive makes the positions of all coarse.
+static void warn_about_positions(const char *path, const sgs_gaussians *model, int fractional_bits)
+{
+    const double step = ldexp(1.0, -fractional_bits);
+    size_t coarse = 0;
+    for (size_t i = 0; i < model->count; ++i)
+        coarse += step > exp(fmax(largest_log_scale(model, i), LOG_SCALE_LEAST));
+    if (coarse > model->count / 100)
+        sgsi_warn("%s: its farthest primitive leaves steps of %.3g units for all positions, more "
+                  "than the size of %zu of %zu primitives; remove the far primitives",
+                  path, step, coarse, model->count);
+}
+
 // Scales are clamped. Below the range only the largest scale of a primitive matters: flat ones are
 // common.
 static void warn_about_scales(const char *path, const sgs_gaussians *model)
 {
     size_t changed = 0;
     for (size_t i = 0; i < model->count; ++i) {
-        double largest = -INFINITY;
-        for (int k = 0; k < 3; ++k)
-            largest = fmax(largest, (double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
+        const double largest = largest_log_scale(model, i);
         changed += largest < LOG_SCALE_LEAST - 1.0 / 32 || largest > LOG_SCALE_MOST + 1.0 / 32;
     }
     if (changed)
@@ -545,6 +564,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
     sgs_status status = choose_fractional_bits(path, model, &file.fractional_bits);
     if (status)
         return status;
+    warn_about_positions(path, model, file.fractional_bits);
     warn_about_scales(path, model);
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k)

@@ -501,6 +501,33 @@ static void far_coordinates_of_spz_are_refused(void **state)
     temp_folder_remove(&folder);
 }
 
+// One far primitive takes the fractional bits of all.
+static void coarse_positions_of_spz_cause_a_warning(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(200, 0);
+    for (size_t i = 0; i < model->count; ++i)
+        for (int k = 0; k < 3; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) = i < 3 ? -5.0f : -3.0f; // 0.007, 0.05
+    static const struct {
+        float far;
+        const char *warning;                                    // NULL: none
+    } cases[] = {{8191, NULL},                                  // steps of 1/1024 units
+                 {65535, "0.00781 units for all positions"},    // 3 of 200 are smaller
+                 {524287, "more than the size of 200 of 200"}}; // 1/16
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c) {
+        *sgs_gaussians_at(model, 100, SGS_PARAM_MEAN) = cases[c].far;
+        sgs_gaussians_destroy(read_back(temp_path(&folder, "a.spz"), model, NULL));
+        if (!cases[c].warning)
+            assert_string_equal(range_warning, "");
+        else
+            assert_non_null(strstr(range_warning, cases[c].warning));
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 static void scales_beyond_the_format_cause_a_warning(void **state)
 {
     (void)state;
@@ -548,6 +575,7 @@ int main(void)
         cmocka_unit_test(units_survive_lack_of_memory),
         cmocka_unit_test(refused_writes_name_the_file),
         cmocka_unit_test(far_coordinates_of_spz_are_refused),
+        cmocka_unit_test(coarse_positions_of_spz_cause_a_warning),
         cmocka_unit_test(scales_beyond_the_format_cause_a_warning),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

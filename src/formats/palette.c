@@ -10,7 +10,11 @@
 #include <math.h>
 #include <string.h>
 
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
 #include "base/core.h"
+#include "base/keyed_rows.h"
 #include "base/threads.h"
 #include "formats/palette_kernels.h"
 #include "sparegs/runtime.h"
@@ -155,6 +159,34 @@ uint8_t sgsi_codebook_index(const float codebook[SGSI_CODES], float value)
             low = middle + 1;
     }
     return (uint8_t)low;
+}
+
+// ---- Equal vectors ----
+
+// Numbers the distinct vectors by first occurrence. numbers: [count]. Without memory returns 0.
+static size_t number_vectors(const float *vectors, size_t count, size_t dimensions,
+                             uint32_t *numbers)
+{
+    const size_t bytes = dimensions * sizeof *vectors;
+    sgsi_keyed_row *rows = sgsi_alloc(count + 1, sizeof *rows),
+                   *spare = sgsi_alloc(count + 1, sizeof *spare);
+    const bool room = rows && spare;
+    size_t distinct = 0;
+    for (size_t i = 0; room && i < count; ++i)
+        rows[i] = (sgsi_keyed_row){XXH3_64bits(vectors + i * dimensions, bytes), (uint32_t)i};
+    if (room)
+        sgsi_sort_rows(rows, spare, count);
+    for (size_t i = 0, first = 0; room && i < count; ++i) { // the first row of equal ones
+        if (rows[i].key != rows[first].key || memcmp(vectors + rows[i].row * dimensions,
+                                                     vectors + rows[first].row * dimensions, bytes))
+            first = i;
+        numbers[rows[i].row] = rows[first].row;
+    }
+    for (size_t i = 0; room && i < count; ++i)
+        numbers[i] = numbers[i] == i ? (uint32_t)distinct++ : numbers[numbers[i]];
+    sgsi_free(rows);
+    sgsi_free(spare);
+    return distinct;
 }
 
 // ---- Vectors ----
@@ -321,6 +353,7 @@ typedef struct first_level {
     float *entries;
     uint32_t *rows, *labels, *sorted;
     size_t *begin, *entry_begin;
+    size_t *distinct; // different vectors of each cluster
     bool *failed;
 } first_level;
 
@@ -332,9 +365,10 @@ static bool first_level_begin(first_level *level, size_t count, int dimensions, 
     level->sorted = sgsi_alloc(count + 1, sizeof *level->sorted);
     level->begin = sgsi_calloc(clusters + 1, sizeof *level->begin);
     level->entry_begin = sgsi_calloc(clusters + 1, sizeof *level->entry_begin);
+    level->distinct = sgsi_calloc(clusters, sizeof *level->distinct);
     level->failed = sgsi_calloc(clusters, sizeof *level->failed);
     return level->entries && level->rows && level->labels && level->sorted && level->begin &&
-           level->entry_begin && level->failed;
+           level->entry_begin && level->distinct && level->failed;
 }
 
 static void first_level_end(first_level *level)
@@ -345,6 +379,7 @@ static void first_level_end(first_level *level)
     sgsi_free(level->sorted);
     sgsi_free(level->begin);
     sgsi_free(level->entry_begin);
+    sgsi_free(level->distinct);
     sgsi_free(level->failed);
 }
 
@@ -380,26 +415,34 @@ static bool find_clusters(const float *vectors, size_t count, int dimensions, si
     return done;
 }
 
-// Sorts rows by cluster, and gives each cluster entries in proportion to its rows, at least one.
-static void share_entries(first_level *level, size_t count, size_t clusters, size_t size)
+// Sorts rows by cluster, and gives each cluster entries in proportion to its distinct vectors, at
+// least one. In proportion to its rows, a vector that most rows share would take most entries, and
+// the time of k-means is the product of both.
+static void share_entries(first_level *level, const uint32_t *numbers, size_t count,
+                          size_t clusters, size_t size)
 {
-    size_t *begin = level->begin, left = size, rows_left = count, others = 0;
-    for (size_t i = 0; i < count; ++i)
+    size_t *begin = level->begin, left = size, distinct_left = 0, others = 0;
+    for (size_t i = 0; i < count; ++i) {
         ++begin[level->labels[i] + 1];
+        if (numbers[i] == distinct_left) { // its first occurrence
+            ++level->distinct[level->labels[i]];
+            ++distinct_left;
+        }
+    }
     for (size_t k = 0; k < clusters; ++k)
-        others += begin[k + 1] > 0;
+        others += level->distinct[k] > 0;
     for (size_t k = 0; k < clusters; ++k) {
-        const size_t members = begin[k + 1];
+        const size_t distinct = level->distinct[k];
         size_t share = 0;
-        if (members) {
+        if (distinct) {
             --others;
-            share = (size_t)((double)left * (double)members / (double)rows_left + 0.5);
+            share = (size_t)((double)left * (double)distinct / (double)distinct_left + 0.5);
             share = share < 1 ? 1 : share;
-            share = share > members ? members : share;
+            share = share > distinct ? distinct : share;
             share = share > left - others ? left - others : share;
         }
         left -= share;
-        rows_left -= members;
+        distinct_left -= distinct;
         level->entry_begin[k + 1] = level->entry_begin[k] + share;
         begin[k + 1] += begin[k];
     }
@@ -409,30 +452,63 @@ static void share_entries(first_level *level, size_t count, size_t clusters, siz
     begin[0] = 0;
 }
 
-sgs_status sgsi_palette_train(const float *vectors, size_t count, int dimensions, size_t size,
-                              int iterations, sgsi_progress *progress, sgsi_palette *palette)
+// An entry for each distinct vector.
+static void list_vectors(const float *vectors, const uint32_t *numbers, size_t count,
+                         sgsi_progress *progress, sgsi_palette *palette)
 {
-    size = size < count ? size : count;
-    size_t clusters = (size_t)floor(sqrt((double)size) + 0.5);
-    clusters = clusters < 1 ? 1 : clusters;
-    *palette = (sgsi_palette){.dimensions = dimensions};
+    const size_t dimensions = (size_t)palette->dimensions;
+    for (size_t i = 0; i < count; ++i) {
+        palette->labels[i] = numbers[i];
+        if (numbers[i] == palette->size)
+            memcpy(palette->entries + dimensions * palette->size++, vectors + dimensions * i,
+                   dimensions * sizeof *vectors);
+    }
+    for (int k = 0; k < SGSI_PALETTE_STEPS; ++k)
+        sgsi_progress_advance(progress);
+}
+
+// Two levels of k-means. False without memory.
+static bool cluster_vectors(const float *vectors, const uint32_t *numbers, size_t count,
+                            size_t size, int iterations, sgsi_progress *progress,
+                            sgsi_palette *palette)
+{
+    const size_t clusters = (size_t)floor(sqrt((double)size) + 0.5);
     first_level level = {0};
-    palette->entries = sgsi_calloc(size + clusters + 1, (size_t)dimensions * sizeof(float));
-    palette->labels = sgsi_calloc(count + 1, sizeof *palette->labels);
-    bool done = palette->entries && palette->labels &&
-                first_level_begin(&level, count, dimensions, clusters) &&
-                find_clusters(vectors, count, dimensions, clusters, iterations, &level, progress);
+    bool done =
+        first_level_begin(&level, count, palette->dimensions, clusters) &&
+        find_clusters(vectors, count, palette->dimensions, clusters, iterations, &level, progress);
     if (done) {
         sgsi_progress_advance(progress);
-        share_entries(&level, count, clusters, size);
-        second_level second = {vectors,           dimensions,   iterations, clusters, level.begin,
-                               level.entry_begin, level.sorted, palette,    progress, level.failed};
+        share_entries(&level, numbers, count, clusters, size);
+        second_level second = {vectors,     palette->dimensions, iterations,   clusters,
+                               level.begin, level.entry_begin,   level.sorted, palette,
+                               progress,    level.failed};
         sgsi_parallel_for(clusters, 1, refine_cluster, &second);
         palette->size = level.entry_begin[clusters];
         for (size_t k = 0; k < clusters; ++k)
             done = done && !level.failed[k];
     }
     first_level_end(&level);
+    return done;
+}
+
+sgs_status sgsi_palette_train(const float *vectors, size_t count, int dimensions, size_t size,
+                              int iterations, sgsi_progress *progress, sgsi_palette *palette)
+{
+    size = size < count ? size : count;
+    *palette = (sgsi_palette){.dimensions = dimensions};
+    palette->entries = sgsi_calloc(size + 1, (size_t)dimensions * sizeof(float));
+    palette->labels = sgsi_calloc(count + 1, sizeof *palette->labels);
+    uint32_t *numbers = sgsi_alloc(count + 1, sizeof *numbers);
+    const size_t distinct = palette->entries && palette->labels && numbers
+                                ? number_vectors(vectors, count, (size_t)dimensions, numbers)
+                                : 0;
+    bool done = distinct > 0;
+    if (done && distinct <= size)
+        list_vectors(vectors, numbers, count, progress, palette);
+    else if (done)
+        done = cluster_vectors(vectors, numbers, count, size, iterations, progress, palette);
+    sgsi_free(numbers);
     if (!done)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to cluster %zu vectors", count);
     if (sgsi_progress_cancelled(progress))

@@ -31,7 +31,8 @@ typedef struct sgsi_palette {
 enum { SGSI_PALETTE_STEPS = 65 };
 
 // k-means of `count` vectors with at most `size` (<= 65536) entries, in two levels: about the
-// square root of `size` clusters first, then a share of the entries within each. Free it with
+// square root of `size` clusters first, then a share of the entries within each. Vectors of which
+// at most `size` are different become the entries themselves. Free it with
 // sgsi_palette_free, after a failure too. Fails with OUT_OF_MEMORY or CANCELLED.
 sgs_status sgsi_palette_train(const float *vectors, size_t count, int dimensions, size_t size,
                               int iterations, sgsi_progress *progress, sgsi_palette *palette);

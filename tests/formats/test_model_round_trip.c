@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "base/sh.h"
+#include "formats/palette.h"
 #include "support/files_support.h"
 #include "support/model_support.h"
 #include "sparegs/model_file.h"
@@ -458,6 +459,41 @@ static void palette_finds_clusters(void **state)
     temp_folder_remove(&folder);
 }
 
+// Most models without SH have zeros in all primitives. Their palette has the distinct vectors, or
+// entries in proportion to them, and not thousands of equal entries.
+static void equal_vectors_share_an_entry(void **state)
+{
+    (void)state;
+    enum { COUNT = 4000, DIMENSIONS = 9, SIZE = 256 };
+    float *vectors = calloc(COUNT, DIMENSIONS * sizeof *vectors);
+    for (size_t step = 1000; step >= 10; step /= 100) { // 4 and 400 vectors differ from 0
+        sgsi_palette palette;
+        sgsi_progress progress;
+        size_t entries_of_others = 0;
+        for (size_t i = 0; i < COUNT; i += step)
+            for (size_t k = 0; k < DIMENSIONS; ++k)
+                vectors[DIMENSIONS * i + k] = (float)sgsi_random_uniform(i, k) + 0.5f;
+        sgsi_progress_begin(&progress, NULL, NULL, SGSI_PALETTE_STEPS);
+        assert_int_equal(
+            sgsi_palette_train(vectors, COUNT, DIMENSIONS, SIZE, 10, &progress, &palette),
+            SGS_STATUS_OK);
+        sgsi_progress_end(&progress);
+        assert_int_equal(palette.size, step == 1000 ? 5 : SIZE);
+        for (size_t i = 0; i < COUNT; ++i) {
+            const float *entry = palette.entries + DIMENSIONS * palette.labels[i];
+            assert_true(palette.labels[i] < palette.size);
+            for (size_t k = 0; k < DIMENSIONS; ++k)
+                assert_true(fabsf(entry[k] - vectors[DIMENSIONS * i + k]) <=
+                            (step == 1000 || i % step ? 0 : 0.7f));
+        }
+        for (size_t e = 0; e < palette.size; ++e)
+            entries_of_others += palette.entries[DIMENSIONS * e] >= 0.5f;
+        assert_true(entries_of_others + 10 >= palette.size);
+        sgsi_palette_free(&palette);
+    }
+    free(vectors);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -470,6 +506,7 @@ int main(void)
         cmocka_unit_test(sog_rounds_to_the_nearest_value),
         cmocka_unit_test(files_do_not_depend_on_threads),
         cmocka_unit_test(palette_finds_clusters),
+        cmocka_unit_test(equal_vectors_share_an_entry),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -58,6 +58,7 @@ static sgs_status read_entry(sgsi_archive *archive, size_t *at, size_t number)
                          "truncated",
                          archive->path, *at, number);
     entry->method = sgsi_load_u16(bytes + 10);
+    entry->checksum = sgsi_load_u32(bytes + 16);
     entry->packed = sgsi_load_u32(bytes + 20);
     entry->unpacked = sgsi_load_u32(bytes + 24);
     entry->name = sgsi_format("%.*s", (int)name, (const char *)bytes + CENTRAL_BYTES);
@@ -138,6 +139,19 @@ static sgs_status read_from_folder(const sgsi_archive *archive, const char *name
     return status;
 }
 
+// Some writers leave the checksum 0.
+static sgs_status check_entry(const sgsi_archive *archive, const sgsi_archive_entry *entry,
+                              uint8_t **bytes, size_t *size)
+{
+    if (!entry->checksum || libdeflate_crc32(0, *bytes, *size) == entry->checksum)
+        return SGS_STATUS_OK;
+    sgsi_free(*bytes);
+    *bytes = NULL;
+    *size = 0;
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s has a wrong checksum; the file is damaged",
+                     archive->path, entry->name);
+}
+
 sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, size_t most,
                              uint8_t **bytes, size_t *size)
 {
@@ -165,9 +179,10 @@ sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, size
                      room = entry->unpacked < bound ? entry->unpacked : bound;
         const sgs_status status = sgsi_unpack(SGSI_PACKING_DEFLATE, archive->path, name, packed,
                                               entry->packed, room, bytes, size);
-        if (!status)
-            (*bytes)[*size] = 0;
-        return status;
+        if (status)
+            return status;
+        (*bytes)[*size] = 0;
+        return check_entry(archive, entry, bytes, size);
     }
     *bytes = sgsi_alloc(entry->packed + 1, 1);
     if (!*bytes)
@@ -175,7 +190,7 @@ sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, size
     memcpy(*bytes, packed, entry->packed);
     (*bytes)[entry->packed] = 0;
     *size = entry->packed;
-    return SGS_STATUS_OK;
+    return check_entry(archive, entry, bytes, size);
 }
 
 // ---- Writing ----

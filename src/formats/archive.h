@@ -14,6 +14,7 @@ typedef struct sgsi_archive_entry {
     char *name;
     size_t offset, packed, unpacked; // offset of the data
     int method;                      // 0 stored, 8 deflate
+    uint32_t checksum;               // CRC-32 of the unpacked data, 0 if the writer omits it
 } sgsi_archive_entry;
 
 typedef struct sgsi_archive {

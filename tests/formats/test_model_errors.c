@@ -612,8 +612,9 @@ static void sog_zip_is_checked(void **state)
         {directory + 46, 1, 'X', F, "has no file 'means_l.webp'"},
         {0, 4, 0, F, "means_l.webp has no local ZIP header"},
         {26, 2, 65535, F, "beyond the end of the file"},
-        {30 + 12, 4, 0, F, "means_l.webp is not a WebP image"},
-        {30 + 12 + 16, 4, 0xFFFFFFFF, F, "means_l.webp"},
+        {30 + 12, 4, 0, F, "means_l.webp has a wrong checksum; the file is damaged"},
+        {30 + 12 + 40, 1, 0xFF, F, "means_l.webp has a wrong checksum"}, // of a valid image
+        {directory + 16, 4, 1, F, "means_l.webp has a wrong checksum"},
     };
     refuse_changes(&folder, "a.sog", bytes, size, false, CHANGES(changes));
     free(bytes);

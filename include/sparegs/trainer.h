@@ -183,7 +183,7 @@ typedef struct sgs_train_options {
     double alpha_loss;
     // Learn an affine colour map per training image (exposure compensation of 3DGS); false.
     bool exposure;
-    size_t random_points; // size of the random cloud for a scene without points; 100000
+    size_t random_points; // size of the random cloud; 0 = sgs_train_random_points
     // Photographs without an alpha channel have alpha 1 in that loss: the model covers every pixel
     // that is not masked. Requires alpha_loss > 0, and works best with background_random; false.
     bool opaque;
@@ -200,6 +200,10 @@ typedef struct sgs_train_options {
 
 // Cannot fail.
 SGS_API sgs_train_options sgs_train_options_default(void);
+// Number of random points with which a run of the scene begins, before max_gaussians: random_points
+// or, if that is 0, 100 000 with SGS_SCHEDULE_PAPER and in the cube of NeRF synthetic scenes, else
+// 10 000. 0 if the scene has points, or with init.
+SGS_API size_t sgs_train_random_points(const sgs_scene *scene, const sgs_train_options *options);
 
 // Weight of alpha_loss that the program uses with `opaque`.
 #define SGS_TRAIN_OPAQUE_WEIGHT 0.1

@@ -16,6 +16,8 @@
 //   2e-4 a third of all primitives pass at each update of a short run, compared with a few percent
 //   of a published run. The threshold is then in the bulk of the distribution, where weights
 //   (SPARE-GS) have little effect.
+// - From a random cloud: the published threshold and 30 updates, because it has few points, and the
+//   model must grow where the objects are.
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
 //   On large photographs, updates of 3dgs and mip go on until the rates decay, but only remove
@@ -66,6 +68,8 @@ enum {
     DENSE_LENGTH = 2000
 };
 #define SHORT_THRESHOLD 1.7
+#define RANDOM_THRESHOLD 1.0
+#define RANDOM_UPDATES 30.0
 #define FEW_VIEWS 24.0 // 1.5 per SH coefficient
 #define ANNEAL_FROM 0.7
 #define SHORT_LATE_RATE 0.1
@@ -199,7 +203,7 @@ static int last_thinning(const sgsi_schedule *schedule, double fine)
     return last > schedule->densify_until ? last : 0;
 }
 
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views, double pixels)
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_schedule_input *input)
 {
     if (options->schedule == SGS_SCHEDULE_FINETUNE)
         return finetune(options);
@@ -230,7 +234,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
         .anneal_from = options->iterations,
         .lr_late = 1.0,
         .lr_shape = 1.0,
-        .lr_sh = sh_rate(options, views),
+        .lr_sh = sh_rate(options, input->views),
         .lr_opacity = 1.0,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
@@ -243,7 +247,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     }
     const double beyond = 1.0 - sgsi_run_shortness(options);
     schedule.anneal_from = rounded(ANNEAL_FROM * options->iterations, 1);
-    const double large = pipeline->fine_growth ? fine_growth(views, pixels) : 0.0;
+    const double large = pipeline->fine_growth ? fine_growth(input->views, input->pixels) : 0.0;
     schedule.lr_late = late_rate(options->iterations, beyond, large);
     if (schedule.dense || !pipeline->relocates)
         schedule.lr_shape = fmin(sqrt(1.0 / f), SHORT_SHAPE_RATE);
@@ -253,8 +257,9 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     }
     const double paper_updates = (PAPER_HALF - 500.0) / pipeline->densify_interval;
     const double fine = (1.0 - beyond) * large;
+    const double threshold = input->random ? RANDOM_THRESHOLD : SHORT_THRESHOLD;
     schedule.threshold_factor =
-        pow(SHORT_THRESHOLD, (1.0 - beyond) * (1.0 - large)) * pow(LARGE_THRESHOLD, fine);
+        pow(threshold, (1.0 - beyond) * (1.0 - large)) * pow(LARGE_THRESHOLD, fine);
     schedule.abs_share = pipeline->abs_grad ? 0.0 : LARGE_ABS_SHARE * fine;
     schedule.near_depth = LARGE_NEAR_DEPTH * fine;
     schedule.ssim_weight = ssim_weight(options, fine);
@@ -264,7 +269,8 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views,
     schedule.half_size_until = rounded(LARGE_HALF_SIZE * fine * options->iterations, 0);
     if (schedule.half_size_until <= schedule.resolution_from)
         schedule.half_size_until = 0;
-    const double fewest = SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
+    const double fewest = input->random ? RANDOM_UPDATES
+                                        : SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
                  updates = fewest * pow(paper_updates / fewest, beyond);
     schedule.late_removal = options->iterations < CONSTANT_LENGTH ? 0.0 : LATE_REMOVAL;
     schedule.densify_from = first_update(options->iterations);

@@ -46,8 +46,14 @@ typedef struct sgsi_schedule {
     double late_removal;
 } sgsi_schedule;
 
-// views: photographs of training, >= 1. pixels: their mean size, > 0.
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, size_t views, double pixels);
+typedef struct sgsi_schedule_input {
+    size_t views;  // photographs of training, >= 1
+    double pixels; // their mean size, > 0
+    bool random;   // the initial cloud is random
+} sgsi_schedule_input;
+
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options,
+                                 const sgsi_schedule_input *input);
 
 // True if a structural update follows this iteration (1-based).
 bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);

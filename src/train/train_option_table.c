@@ -192,11 +192,12 @@ static const sgs_train_option table[] = {
     {.name = "random_points",
      .type = SGS_OPTION_SIZE,
      FIELD(random_points),
-     .initial = 100000,
-     .low = 1,
+     .initial = 0,
      .high = 100000000,
      .values = "N",
-     .help = "size of the random initial cloud for a scene without points",
+     .help =
+         "size of the random initial cloud for a scene without points; 0: 100000 in the cube of "
+         "NeRF synthetic scenes and with --schedule paper, otherwise 10000",
      .group = training,
      ALL_PIPELINES,
      .resume = SGS_RESUME_START},

@@ -86,7 +86,10 @@ sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_option
         pixels += (double)view->camera.width * view->camera.height;
     }
     count = count ? count : 1;
-    return sgsi_schedule_make(options, count, fmax(pixels / (double)count, 1.0));
+    const sgsi_schedule_input input = {.views = count,
+                                       .pixels = fmax(pixels / (double)count, 1.0),
+                                       .random = !scene->point_count && !options->init};
+    return sgsi_schedule_make(options, &input);
 }
 
 sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,

@@ -18,12 +18,26 @@
 #include "train/initial_selection.h"
 #include "train/trainer_state.h"
 
+// In few points there is room between the cameras and the objects. Many points close to a camera
+// explain its image by themselves (tools/manual/schedules.md).
+enum { PUBLISHED_POINTS = 100000, FEW_POINTS = 10000 };
+
+size_t sgs_train_random_points(const sgs_scene *scene, const sgs_train_options *options)
+{
+    if (scene->point_count || options->init)
+        return 0;
+    if (options->random_points)
+        return options->random_points;
+    return scene->white_background || options->schedule == SGS_SCHEDULE_PAPER ? PUBLISHED_POINTS
+                                                                              : FEW_POINTS;
+}
+
 // Random cloud: in the cube around the origin for NeRF synthetic scenes, around the cameras
 // otherwise.
 static sgs_status random_cloud(sgs_trainer *trainer)
 {
     const sgs_scene *scene = trainer->scene;
-    size_t n = trainer->options.random_points;
+    size_t n = sgs_train_random_points(scene, &trainer->options);
     if (trainer->options.max_gaussians && n > trainer->options.max_gaussians)
         n = trainer->options.max_gaussians;
     trainer->cloud_points = sgsi_alloc(n ? n : 1, 3 * sizeof(float));

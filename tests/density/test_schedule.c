@@ -17,12 +17,20 @@
 #define VIEWS 60
 #define SMALL 1.2e5
 
+static const sgsi_schedule_input small_photos = {.views = VIEWS, .pixels = SMALL};
+
 static sgsi_schedule make(int iterations, sgs_schedule kind)
 {
     sgs_train_options options = sgs_train_options_default();
     options.iterations = iterations;
     options.schedule = kind;
-    return sgsi_schedule_make(&options, VIEWS, SMALL);
+    return sgsi_schedule_make(&options, &small_photos);
+}
+
+static double sh_rate(const sgs_train_options *options, size_t views)
+{
+    return sgsi_schedule_make(options, &(sgsi_schedule_input){.views = views, .pixels = SMALL})
+        .lr_sh;
 }
 
 static int count_structural(const sgsi_schedule *schedule)
@@ -72,7 +80,7 @@ static void size_pruning_follows_the_published_rule(void **state)
                     options.background[c] = (float)white;
                 for (int paper = 0; paper < 2; ++paper) {
                     options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-                    const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+                    const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
                     int last_reset = -1, resets = 0;
                     for (int t = 1; t <= n; ++t) {
                         const bool prunes = sgsi_schedule_prunes_large(&schedule, t, last_reset);
@@ -96,16 +104,16 @@ static void few_views_have_a_smaller_rate_of_sh(void **state)
     (void)state;
     sgs_train_options options = sgs_train_options_default();
     options.iterations = 7000;
-    assert_true(fabs(sgsi_schedule_make(&options, 12, SMALL).lr_sh - 0.5) < 1e-12);
-    assert_true(fabs(sgsi_schedule_make(&options, 1, SMALL).lr_sh - 1.0 / 24) < 1e-12);
-    assert_true(sgsi_schedule_make(&options, 24, SMALL).lr_sh == 1.0);
-    assert_true(sgsi_schedule_make(&options, 1000, SMALL).lr_sh == 1.0);
+    assert_true(fabs(sh_rate(&options, 12) - 0.5) < 1e-12);
+    assert_true(fabs(sh_rate(&options, 1) - 1.0 / 24) < 1e-12);
+    assert_true(sh_rate(&options, 24) == 1.0);
+    assert_true(sh_rate(&options, 1000) == 1.0);
     options.schedule = SGS_SCHEDULE_PAPER;
-    assert_true(sgsi_schedule_make(&options, 12, SMALL).lr_sh == 1.0);
+    assert_true(sh_rate(&options, 12) == 1.0);
     options.schedule = SGS_SCHEDULE_SCALED;
     double longer = 1.0;
     for (options.iterations = 40000; options.iterations >= 100; options.iterations -= 100) {
-        const double rate = sgsi_schedule_make(&options, 12, SMALL).lr_sh;
+        const double rate = sh_rate(&options, 12);
         assert_true(fabs(rate - longer) < 0.03 && rate >= 0.5 && rate <= 1.0);
         assert_true((options.iterations < 30000 && options.iterations > 2000) == (rate < 1.0));
         assert_true(options.iterations >= 7000 ? rate <= longer : rate >= longer);
@@ -126,10 +134,10 @@ static void short_runs_anneal_their_rates(void **state)
             options.iterations = n;
             options.pipeline = (sgs_pipeline)pipeline;
             options.schedule = SGS_SCHEDULE_PAPER;
-            const sgsi_schedule paper = sgsi_schedule_make(&options, VIEWS, SMALL);
+            const sgsi_schedule paper = sgsi_schedule_make(&options, &small_photos);
             assert_true(sgsi_schedule_lr_other(&paper, n) == 1.0);
             options.schedule = SGS_SCHEDULE_SCALED;
-            const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+            const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
             assert_true(sgsi_schedule_lr_other(&schedule, n * 7 / 10) == 1.0);
             assert_false(sgsi_schedule_is_annealing(&schedule, n * 7 / 10));
             assert_int_equal(sgsi_schedule_is_annealing(&schedule, n * 7 / 10 + 1),
@@ -154,17 +162,17 @@ static void short_runs_shape_faster(void **state)
     for (int n = 40000; n >= 100; n -= 100) {
         options.iterations = n;
         options.schedule = SGS_SCHEDULE_PAPER;
-        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape == 1.0);
+        assert_true(sgsi_schedule_make(&options, &small_photos).lr_shape == 1.0);
         options.schedule = SGS_SCHEDULE_FINETUNE;
-        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape == 1.0);
+        assert_true(sgsi_schedule_make(&options, &small_photos).lr_shape == 1.0);
         options.schedule = SGS_SCHEDULE_SCALED;
-        const double shape = sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape;
+        const double shape = sgsi_schedule_make(&options, &small_photos).lr_shape;
         assert_true((n < 30000) == (shape > 1.0) && (n <= 7500) == (shape == 2.0));
         assert_true(n != 15000 || fabs(shape - sqrt(2.0)) < 1e-12);
         assert_true(shape >= longer && shape - longer < 0.02);
         longer = shape;
         options.pipeline = SGS_PIPELINE_MCMC; // with the dense optimiser only
-        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).lr_shape ==
+        assert_true(sgsi_schedule_make(&options, &small_photos).lr_shape ==
                     (n < 2000 ? 1.0 : shape));
         options.pipeline = SGS_PIPELINE_3DGS;
     }
@@ -179,7 +187,7 @@ static void white_backgrounds_have_an_additional_reset(void **state)
     for (int paper = 0; paper < 2; ++paper) {
         options.iterations = paper ? 7000 : 30000;
         options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
         int resets = 0;
         for (int i = 1; i <= options.iterations; ++i)
             resets += sgsi_schedule_is_reset(&schedule, i);
@@ -187,7 +195,7 @@ static void white_backgrounds_have_an_additional_reset(void **state)
         assert_true(sgsi_schedule_is_reset(&schedule, 500)); // train.py of 3DGS
     }
     options.background_random = true;
-    const sgsi_schedule random = sgsi_schedule_make(&options, VIEWS, SMALL);
+    const sgsi_schedule random = sgsi_schedule_make(&options, &small_photos);
     assert_false(sgsi_schedule_is_reset(&random, 500));
 }
 
@@ -220,7 +228,7 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
             options.pipeline = (sgs_pipeline)pipeline;
             for (int c = 0; c < 3; ++c)
                 options.background[c] = (float)white;
-            const sgsi_schedule published = sgsi_schedule_make(&options, VIEWS, SMALL);
+            const sgsi_schedule published = sgsi_schedule_make(&options, &small_photos);
             const int all = count_resets(&published);
             if (pipeline == SGS_PIPELINE_MCMC) { // has none at any length
                 assert_int_equal(all, 0);
@@ -229,12 +237,12 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
             assert_int_equal(all, (pipeline == SGS_PIPELINE_DASH ? 8 : 4) + white);
             for (int n = 29999; n >= 29000; n -= 37) {
                 options.iterations = n;
-                const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+                const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
                 assert_int_equal(count_resets(&schedule), all);
             }
             for (int n = 29000; n > 1000; n -= 250) {
                 options.iterations = n;
-                const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+                const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
                 const int resets = count_resets(&schedule);
                 assert_true(resets <= all && (n > 4000 || !resets));
                 assert_int_equal(sgsi_schedule_is_reset(&schedule, 500), white && resets > 1);
@@ -274,7 +282,7 @@ static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
     sgs_train_options options = sgs_train_options_default();
     options.iterations = iterations;
     options.pipeline = pipeline;
-    return sgsi_schedule_make(&options, VIEWS, SMALL);
+    return sgsi_schedule_make(&options, &small_photos);
 }
 
 static void late_updates_of_scaled_runs_remove_five_percent_at_most(void **state)
@@ -285,7 +293,7 @@ static void late_updates_of_scaled_runs_remove_five_percent_at_most(void **state
             sgs_train_options options = sgs_train_options_default();
             options.pipeline = (sgs_pipeline)p;
             options.iterations = n;
-            const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+            const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
             const bool limited = n >= 1000 && options.pipeline != SGS_PIPELINE_MCMC;
             int first = 0;
             for (int i = 1; i <= n; ++i) {
@@ -318,7 +326,7 @@ static void finetuning_has_no_milestones(void **state)
         options.pipeline = (sgs_pipeline)pipeline;
         for (int c = 0; c < 3; ++c)
             options.background[c] = 1; // has an additional reset otherwise
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
         assert_int_equal(schedule.sh_interval, 0); // all bands at once
         for (int t = 1; t <= options.iterations; ++t) {
             assert_false(sgsi_schedule_is_structural(&schedule, t));
@@ -388,7 +396,7 @@ static void mcmc_has_244_updates_and_no_reset(void **state)
         options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
         for (int c = 0; c < 3; ++c)
             options.background[c] = 1;
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, SMALL);
+        const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
         assert_int_equal(count_structural(&schedule), 244); // 600, 700, ..., 24900
         assert_true(sgsi_schedule_is_structural(&schedule, 600));
         assert_false(sgsi_schedule_is_structural(&schedule, 500));
@@ -439,12 +447,12 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
     options.pipeline = SGS_PIPELINE_MCMC;
     options.iterations = 100;
     options.schedule = SGS_SCHEDULE_PAPER;
-    assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
+    assert_true(sgsi_schedule_make(&options, &small_photos).dense);
     options.optimizer = SGS_OPTIMIZER_SPARSE;
-    assert_false(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
+    assert_false(sgsi_schedule_make(&options, &small_photos).dense);
     options.schedule = SGS_SCHEDULE_FINETUNE;
     options.optimizer = SGS_OPTIMIZER_DENSE;
-    assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).dense);
+    assert_true(sgsi_schedule_make(&options, &small_photos).dense);
 }
 
 // Short runs of 3DGS, Mip-Splatting and FastGS: the rule of small photographs up to 130 000 pixels,
@@ -457,7 +465,8 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
     options.iterations = 7000;
     double threshold = 1.7, share = 0.0;
     for (double pixels = 1; pixels < 1e8; pixels *= 1.1) {
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, pixels);
+        const sgsi_schedule schedule =
+            sgsi_schedule_make(&options, &(sgsi_schedule_input){VIEWS, pixels, false});
         assert_true(schedule.threshold_factor <= threshold && schedule.abs_share >= share);
         assert_true(threshold - schedule.threshold_factor < 0.2);
         assert_true(schedule.abs_share - share < 0.1);
@@ -476,7 +485,8 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
     }
     double few = 1.7;
     for (size_t views = 1; views < 100; ++views) {
-        const sgsi_schedule schedule = sgsi_schedule_make(&options, views, 1e6);
+        const sgsi_schedule schedule =
+            sgsi_schedule_make(&options, &(sgsi_schedule_input){views, 1e6, false});
         assert_true(schedule.threshold_factor <= few && few - schedule.threshold_factor < 0.1);
         few = schedule.threshold_factor;
         assert_true((schedule.abs_share == 0.0) == (views <= 15));
@@ -488,8 +498,9 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
             options.pipeline = (sgs_pipeline)pipeline;
             options.iterations = k == 0 ? 30000 : 7000;
             options.schedule = k == 1 ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-            const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
-                                large = sgsi_schedule_make(&options, VIEWS, 1e6);
+            const sgsi_schedule small = sgsi_schedule_make(&options, &small_photos),
+                                large = sgsi_schedule_make(
+                                    &options, &(sgsi_schedule_input){VIEWS, 1e6, false});
             const bool vanilla = pipeline == SGS_PIPELINE_3DGS, mip = pipeline == SGS_PIPELINE_MIP,
                        fine = vanilla || mip || pipeline == SGS_PIPELINE_FASTGS,
                        same = k < 2 || !fine;
@@ -519,8 +530,9 @@ static void large_photographs_are_thinned_until_the_rates_decay(void **state)
             options.pipeline = (sgs_pipeline)p;
             options.iterations = lengths[k];
             options.schedule = k == 5 ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
-            const sgsi_schedule small = sgsi_schedule_make(&options, VIEWS, SMALL),
-                                large = sgsi_schedule_make(&options, VIEWS, 1e6);
+            const sgsi_schedule small = sgsi_schedule_make(&options, &small_photos),
+                                large = sgsi_schedule_make(
+                                    &options, &(sgsi_schedule_input){VIEWS, 1e6, false});
             const bool fine = p == SGS_PIPELINE_3DGS || p == SGS_PIPELINE_MIP,
                        thins = fine && k >= 1 && k <= 3;
             int updates = 0, last = 0;
@@ -558,16 +570,47 @@ static void a_given_ssim_is_used_by_all_schedules(void **state)
         options.schedule = kinds[k];
         options.ssim_weight = -1;
         options.ssim_sigma = 0;
-        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).ssim_weight == 0.2);
-        assert_true(sgsi_schedule_make(&options, VIEWS, SMALL).ssim_sigma == 1.5);
+        assert_true(sgsi_schedule_make(&options, &small_photos).ssim_weight == 0.2);
+        assert_true(sgsi_schedule_make(&options, &small_photos).ssim_sigma == 1.5);
         for (int tenths = 0; tenths <= 10; ++tenths) {
             options.ssim_weight = tenths / 10.0;
             options.ssim_sigma = 0.3 * tenths;
-            const sgsi_schedule schedule = sgsi_schedule_make(&options, VIEWS, 1e6);
+            const sgsi_schedule schedule =
+                sgsi_schedule_make(&options, &(sgsi_schedule_input){VIEWS, 1e6, false});
             assert_true(schedule.ssim_weight == options.ssim_weight);
             assert_true(!tenths || schedule.ssim_sigma == options.ssim_sigma);
         }
     }
+}
+
+// From a random cloud: the published threshold and at least 30 updates; all else is equal.
+static void random_clouds_grow_as_published(void **state)
+{
+    (void)state;
+    const sgsi_schedule_input random = {.views = VIEWS, .pixels = SMALL, .random = true};
+    for (int p = 0; p < SGS_PIPELINE_COUNT; ++p)
+        for (int n = 1500; n <= 31500; n += 1500) {
+            sgs_train_options options = sgs_train_options_default();
+            options.pipeline = (sgs_pipeline)p;
+            options.iterations = n;
+            const sgsi_schedule other = sgsi_schedule_make(&options, &small_photos);
+            sgsi_schedule schedule = sgsi_schedule_make(&options, &random);
+            assert_true(schedule.threshold_factor == 1.0);
+            if (n < 30000 && options.pipeline != SGS_PIPELINE_MCMC) {
+                assert_true(schedule.densify_interval < other.densify_interval);
+                assert_true(count_structural(&schedule) >= 27); // the interval is whole
+            } else {
+                assert_int_equal(schedule.densify_interval, other.densify_interval);
+                assert_int_equal(schedule.reset_interval, other.reset_interval);
+            }
+            assert_int_equal(schedule.densify_until, other.densify_until);
+            assert_int_equal(schedule.densify_from, other.densify_from);
+            assert_true(schedule.lr_late == other.lr_late && schedule.lr_span == other.lr_span);
+            options.schedule = SGS_SCHEDULE_PAPER;
+            schedule = sgsi_schedule_make(&options, &random);
+            assert_int_equal(schedule.densify_interval,
+                             sgsi_schedule_make(&options, &small_photos).densify_interval);
+        }
 }
 
 int main(void)
@@ -583,6 +626,7 @@ int main(void)
         cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),
         cmocka_unit_test(scaled_schedule_has_its_documented_properties_at_every_length),
         cmocka_unit_test(late_updates_of_scaled_runs_remove_five_percent_at_most),
+        cmocka_unit_test(random_clouds_grow_as_published),
         cmocka_unit_test(finetuning_has_no_milestones),
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),
         cmocka_unit_test(dash_densifies_until_nine_tenths),

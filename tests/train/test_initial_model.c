@@ -76,10 +76,49 @@ static void a_lower_sh_degree_removes_the_higher_bands(void **state)
     temp_folder_remove(&folder);
 }
 
+static size_t first_count(const sgs_scene *of, const sgs_train_options *options)
+{
+    sgs_trainer *trainer;
+    if (sgs_trainer_create(of, options, &trainer))
+        fail_msg("%s", sgs_last_error());
+    const size_t count = sgs_trainer_model(trainer)->count;
+    sgs_trainer_destroy(trainer);
+    return count;
+}
+
+// 10 000 points; as published 100 000, with the published schedule and in NeRF synthetic scenes.
+static void a_scene_without_points_starts_from_a_random_cloud(void **state)
+{
+    (void)state;
+    sgs_scene empty = *scene;
+    sgs_train_options options = sgs_train_options_default();
+    empty.point_count = 0;
+    for (int paper = 0; paper < 2; ++paper)
+        for (int white = 0; white < 2; ++white) {
+            options.schedule = paper ? SGS_SCHEDULE_PAPER : SGS_SCHEDULE_SCALED;
+            empty.white_background = white != 0;
+            const size_t expected = paper || white ? 100000 : 10000;
+            assert_int_equal(sgs_train_random_points(&empty, &options), expected);
+            assert_int_equal(first_count(&empty, &options), expected);
+        }
+    options.random_points = 70;
+    assert_int_equal(sgs_train_random_points(&empty, &options), 70);
+    assert_int_equal(first_count(&empty, &options), 70);
+    options.max_gaussians = 60;
+    assert_int_equal(first_count(&empty, &options), 60);
+    assert_int_equal(sgs_train_random_points(scene, &options), 0);
+    sgs_gaussians *init = model_with_all_bands();
+    options.init = init;
+    assert_int_equal(sgs_train_random_points(&empty, &options), 0);
+    assert_int_equal(first_count(&empty, &options), ROWS);
+    sgs_gaussians_destroy(init);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_lower_sh_degree_removes_the_higher_bands),
+        cmocka_unit_test(a_scene_without_points_starts_from_a_random_cloud),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

@@ -119,8 +119,8 @@ static bool load_scene(training *run)
     if (run->values.region)
         print_note("%s: comparing the images with the initial model", run->scene_path);
     if (!run->scene->point_count && !run->values.init)
-        print_note("%s: no points; starting from %llu random points", run->scene_path,
-                   (unsigned long long)run->values.options.random_points);
+        print_note("%s: no points; starting from %zu random points", run->scene_path,
+                   sgs_train_random_points(run->scene, &run->values.options));
     return true;
 }
 

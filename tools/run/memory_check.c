@@ -27,7 +27,8 @@ size_t memory_first_count(const sgs_scene *scene, const train_values *values, si
     }
     if (count)
         return count;
-    return scene->point_count ? scene->point_count : (size_t)values->options.random_points;
+    return scene->point_count ? scene->point_count
+                              : sgs_train_random_points(scene, &values->options);
 }
 
 // Decimals, at least two, with which the printed numbers differ.

@@ -197,7 +197,7 @@ static const sgs_train_option table[] = {
      .values = "N",
      .help =
          "size of the random initial cloud for a scene without points; 0: 100000 in the cube of "
-         "NeRF synthetic scenes and with --schedule paper, otherwise 10000",
+         "NeRF synthetic scenes and with schedule paper, otherwise 10000",
      .group = training,
      ALL_PIPELINES,
      .resume = SGS_RESUME_START},

@@ -171,18 +171,18 @@ static bool compare(const evaluator *evaluation, view_images *images, const uint
                     bool mapped, view_score *score)
 {
     const sgs_image8 *drawn = &images->drawn, *photo = &images->photo;
-    if (mapped) {
+    if (mapped)
         images->flip_map =
             malloc((size_t)photo->width * (size_t)photo->height * sizeof *images->flip_map);
-        if (!images->flip_map) {
-            fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
-            return false;
-        }
-    }
     *score = (view_score){.psnr = sgs_psnr_masked(drawn, photo, valid_mask),
                           .ssim = sgs_ssim_masked(drawn, photo, valid_mask),
                           .sharpness = sgs_sharpness(drawn, photo, valid_mask),
                           .lpips = NAN};
+    const bool lacks_memory = isnan(score->ssim) && !isnan(score->psnr);
+    if ((mapped && !images->flip_map) || lacks_memory) {
+        fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
+        return false;
+    }
     if (!sgs_flip(photo, drawn, valid_mask, SGS_FLIP_PIXELS_PER_DEGREE, images->flip_map,
                   &score->flip) &&
         (!evaluation->lpips || !sgs_lpips_distance(evaluation->lpips, evaluation->lpips_input,

@@ -31,6 +31,8 @@
 
 enum { MAX_SIZE = 65536 };
 
+#define FRAME_EXTENSION ".png" // of a file_path without extension
+
 enum key {
     KEY_W,
     KEY_H,
@@ -286,6 +288,13 @@ static bool has_image_extension(const char *name)
     return false;
 }
 
+// The path as a new string, with `extension` appended if it has no image extension. NULL: no
+// memory.
+static char *image_name(const char *file, const char *extension)
+{
+    return sgsi_format("%s%s", file, *file && !has_image_extension(file) ? extension : "");
+}
+
 // Reads the path under `key`, relative to the JSON file's folder. Appends `extension` if the path
 // has no image extension.
 static sgs_status read_path(const reader *r, const json_t *object, const char *key,
@@ -295,7 +304,7 @@ static sgs_status read_path(const reader *r, const json_t *object, const char *k
     if (!file)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a string", r->path, r->where,
                          key);
-    *path = sgsi_format("%s%s", file, *file && !has_image_extension(file) ? extension : "");
+    *path = image_name(file, extension);
     if (!*path)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: no memory", r->path, r->where);
     const char *problem = sgsi_image_name_clean(*path);
@@ -320,7 +329,7 @@ static sgs_status read_frame(const reader *r, const json_t *object, const intrin
     intrinsics own = *global;
     if (!json_is_object(object))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: must be an object", r->path, r->where);
-    sgs_status status = read_path(r, object, "file_path", ".png", &frame->name);
+    sgs_status status = read_path(r, object, "file_path", FRAME_EXTENSION, &frame->name);
     if (!status)
         status = read_mask(r, object, &frame->mask);
     if (!status)
@@ -392,34 +401,54 @@ static int name_order(const void *key, const void *element)
     return strcmp(key, (*frame)->name);
 }
 
-// nerfstudio's list of held-out images. Frames with the same name are an error later
-// (sgsi_dataset_check_names).
+// Name of the frame that an entry of nerfstudio's lists means; NULL if there is none. The caller
+// frees it.
+static char *listed_name(const json_t *entry)
+{
+    const char *file = json_string_value(entry);
+    char *name = file ? image_name(file, FRAME_EXTENSION) : NULL;
+    if (name && sgsi_image_name_clean(name)) {
+        sgsi_free(name);
+        return NULL;
+    }
+    return name;
+}
+
+// nerfstudio's lists of held-out images; val_filenames only without test_filenames. Frames with the
+// same name are an error later (sgsi_dataset_check_names).
 static sgs_status apply_test_names(const char *path, const json_t *root, sgsi_dataset *dataset)
 {
-    const json_t *names = json_object_get(root, "test_filenames"), *entry;
+    static const char *const keys[] = {"test_filenames", "val_filenames"};
+    const size_t k = !json_array_size(json_object_get(root, keys[0]));
+    const json_t *names = json_object_get(root, keys[k]), *entry;
     const size_t count = dataset->frame_count;
     if (!json_array_size(names))
         return SGS_STATUS_OK;
     sgsi_frame **sorted = sgsi_alloc(count, sizeof *sorted);
     if (!sorted)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for 'test_filenames'", path);
-    for (size_t k = 0; k < count; ++k)
-        sorted[k] = &dataset->frames[k];
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for '%s'", path, keys[k]);
+    for (size_t i = 0; i < count; ++i)
+        sorted[i] = &dataset->frames[i];
     qsort(sorted, count, sizeof *sorted, frame_order);
-    size_t i;
+    size_t i, unknown = 0, first = 0;
     json_array_foreach(names, i, entry)
     {
-        char *name = json_is_string(entry) ? sgsi_strdup(json_string_value(entry)) : NULL;
-        sgsi_frame **found = name && !sgsi_image_name_clean(name)
-                                 ? bsearch(name, sorted, count, sizeof *sorted, name_order)
-                                 : NULL;
+        char *name = listed_name(entry);
+        sgsi_frame **found = name ? bsearch(name, sorted, count, sizeof *sorted, name_order) : NULL;
+        sgsi_free(name);
         if (found) {
             (*found)->split = SGS_SPLIT_TEST;
             dataset->has_split = true;
+        } else if (unknown++ == 0) {
+            first = i;
         }
-        sgsi_free(name);
     }
     sgsi_free(sorted);
+    if (unknown)
+        sgsi_warn(
+            "%s: %zu of %zu entries of '%s' match no frame and are ignored; the first is entry "
+            "%zu",
+            path, unknown, json_array_size(names), keys[k], first);
     return SGS_STATUS_OK;
 }
 

@@ -360,8 +360,49 @@ static void nerfstudio_test_names_are_held_out(void **state)
     assert_true(d.has_split && !d.white_background);
     assert_int_equal(d.frames[0].split, SGS_SPLIT_TRAIN);
     assert_int_equal(d.frames[1].split, SGS_SPLIT_TEST);
+    assert_holds(warnings, "transforms.json: 2 of 3 entries of 'test_filenames' match no frame and "
+                           "are ignored; the first is entry 1");
     sgsi_dataset_free(&d);
     tree_remove(&folder);
+}
+
+static void test_names_may_lack_the_extension(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgsi_dataset d;
+    read_text(&folder,
+              "{" GLOBAL "\"test_filenames\":[\"images/b\"],\"frames\":[" FRAME
+              ",{\"file_path\":\"images/b\",\"transform_matrix\":" IDENTITY "}]}",
+              &d);
+    assert_true(d.has_split);
+    assert_int_equal(d.frames[0].split, SGS_SPLIT_TRAIN);
+    assert_int_equal(d.frames[1].split, SGS_SPLIT_TEST);
+    assert_string_equal(warnings, "");
+    sgsi_dataset_free(&d);
+    tree_remove(&folder);
+}
+
+static void validation_names_replace_missing_test_names(void **state)
+{
+    (void)state;
+    static const char *const tests[] = {"", "\"test_filenames\":[],",
+                                        "\"test_filenames\":[\"a.png\"],"};
+    for (size_t k = 0; k < 3; ++k) {
+        const temp_folder folder = temp_folder_make();
+        char text[1024];
+        sgsi_dataset d;
+        snprintf(text, sizeof text,
+                 "{" GLOBAL "%s\"val_filenames\":[\"b.png\"],\"frames\":[" FRAME
+                 ",{\"file_path\":\"b.png\",\"transform_matrix\":" IDENTITY "}]}",
+                 tests[k]);
+        read_text(&folder, text, &d);
+        assert_true(d.has_split);
+        assert_int_equal(d.frames[0].split, k == 2 ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN);
+        assert_int_equal(d.frames[1].split, k == 2 ? SGS_SPLIT_TRAIN : SGS_SPLIT_TEST);
+        sgsi_dataset_free(&d);
+        tree_remove(&folder);
+    }
 }
 
 // Every third frame is held out; the list is in another order than the frames and has unknown names
@@ -590,6 +631,8 @@ int main(void)
         cmocka_unit_test_setup(truncated_files_are_rejected, warnings_begin),
         cmocka_unit_test_setup(synthetic_test_split_is_read_from_its_file, warnings_begin),
         cmocka_unit_test_setup(nerfstudio_test_names_are_held_out, warnings_begin),
+        cmocka_unit_test_setup(test_names_may_lack_the_extension, warnings_begin),
+        cmocka_unit_test_setup(validation_names_replace_missing_test_names, warnings_begin),
         cmocka_unit_test(many_test_names_are_found),
         cmocka_unit_test_setup(point_cloud_is_read, warnings_begin),
         cmocka_unit_test_setup(binary_point_cloud_is_read, warnings_begin),

@@ -604,6 +604,7 @@ static void warn_about_views(const loader *l, const view_tally *tally)
         sgsi_warn("%s: aspect ratio of %zu image(s), first '%s', differs from their camera; were "
                   "they rotated or cropped?",
                   scene->path, tally->mismatched, tally->first_mismatched);
+    sgsi_scene_warn_centers(scene);
 }
 
 // Drops the views without a usable photograph.

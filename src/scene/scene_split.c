@@ -241,6 +241,27 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
     return extent_from_points(scene);
 }
 
+void sgsi_scene_warn_centers(const sgs_scene *scene)
+{
+    const sgs_view *first = NULL;
+    size_t outside = 0;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_view *view = &scene->views[i];
+        double fx, fy, cx, cy;
+        if (view->camera.width == 0) // a view without photograph
+            continue;
+        sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
+        if (cx >= 0 && cx <= view->camera.width && cy >= 0 && cy <= view->camera.height)
+            continue;
+        ++outside;
+        first = first ? first : view;
+    }
+    if (outside)
+        sgsi_warn("%s: principal point of %zu image(s), first '%s', is outside of the image; do "
+                  "the intrinsics belong to another image size ('w' and 'h' of a transforms.json)?",
+                  scene->model_path, outside, first->name);
+}
+
 uint64_t sgsi_scene_digest(const sgs_scene *scene)
 {
     uint64_t digest = XXH64(scene->points, scene->point_count * 3 * sizeof *scene->points, 0);

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Train/test split and extent of a scene. Used by scene.c during loading.
+// Train/test split, extent and plausibility of the cameras of a scene. Used by scene.c during
+// loading.
 
 #include <stdbool.h>
 
@@ -17,6 +18,10 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
 // Sets scene->center and scene->extent (world units, > 0) from the training cameras, at least one;
 // from the points if all cameras coincide. Fails with FORMAT if a camera is too far away.
 sgs_status sgsi_scene_measure_extent(sgs_scene *scene);
+
+// Warns of principal points outside of their images: intrinsics of another image size, without that
+// size, have no other symptom. Cannot fail.
+void sgsi_scene_warn_centers(const sgs_scene *scene);
 
 // sgs_scene.digest
 uint64_t sgsi_scene_digest(const sgs_scene *scene);

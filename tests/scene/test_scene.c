@@ -602,10 +602,10 @@ static void nerfstudio_scenes_take_other_image_folders(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    tree_put_text(&folder, "transforms.json",
-                  "{\"fl_x\":40,\"w\":32,\"h\":24,\"frames\":[{\"file_path\":\"images/"
-                  "a.png\",\"transform_matrix\":"
-                  "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}");
+#define ONE_FRAME                                                                                  \
+    "\"frames\":[{\"file_path\":\"images/a.png\",\"transform_matrix\":"                            \
+    "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"
+    tree_put_text(&folder, "transforms.json", "{\"fl_x\":40,\"w\":32,\"h\":24," ONE_FRAME);
     tree_put_picture(&folder, "images/a.png", 32, 24, 4, glass);
     tree_put_picture(&folder, "images_2/a.png", 16, 12, 4, glass);
     sgs_scene *scene = load(folder.path, NULL);
@@ -619,6 +619,11 @@ static void nerfstudio_scenes_take_other_image_folders(void **state)
     assert_true(scene->views[0].camera.width == 16 && scene->views[0].camera.params[0] == 20);
     assert_string_equal(scene->views[0].name, "images/a.png");
     sgs_scene_destroy(scene);
+    assert_string_equal(warnings, "");
+    // Without w and h, the intrinsics are taken for those of the smaller image.
+    tree_put_text(&folder, "transforms.json", "{\"fl_x\":40,\"cx\":17,\"cy\":11," ONE_FRAME);
+    sgs_scene_destroy(load(folder.path, &options));
+    assert_holds(warnings, "principal point of 1 image(s), first 'images/a.png', is outside");
     tree_remove(&folder);
 }
 

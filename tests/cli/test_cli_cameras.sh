@@ -271,6 +271,10 @@ for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 
     reports broken.json
 done
 
+# byte_order_marks_are_skipped
+{ printf '\357\273\277' && cat "$temporary/path.json"; } >"$temporary/marked.json"
+run 0 render "$model" --camera "$temporary/marked.json" --size 64x32 --aov rgba -o "$temporary/path"
+
 # a_transforms_json_is_a_camera_file
 jq '{w: .[0].width, h: .[0].height, fl_x: .[0].fx, fl_y: .[0].fy, cx: .[0].cx, cy: .[0].cy,
     camera_model: .[0].camera_model, k1: .[0].params[4], k2: .[0].params[5], p1: .[0].params[6], p2: .[0].params[7], frames: [.[] | {

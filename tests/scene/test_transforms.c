@@ -286,6 +286,20 @@ static void invalid_files_are_rejected_with_frame_and_key(void **state)
     }
 }
 
+static void byte_order_marks_are_skipped(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgsi_dataset d;
+    read_text(&folder, "\xef\xbb\xbf{" GLOBAL "\"frames\":[" FRAME "]}", &d);
+    assert_int_equal(d.frame_count, 1);
+    sgsi_dataset_free(&d);
+    tree_put_text(&folder, "transforms.json", "\xef\xbb\xbf");
+    assert_int_equal(sgsi_transforms_read(temp_path(&folder, "transforms.json"), &d),
+                     SGS_STATUS_FORMAT);
+    tree_remove(&folder);
+}
+
 static void deep_nesting_is_rejected(void **state)
 {
     (void)state;
@@ -627,6 +641,7 @@ int main(void)
         cmocka_unit_test_setup(scaled_and_rounded_matrices_become_rotations, warnings_begin),
         cmocka_unit_test_setup(intrinsics_are_read_from_all_keys, warnings_begin),
         cmocka_unit_test_setup(invalid_files_are_rejected_with_frame_and_key, warnings_begin),
+        cmocka_unit_test_setup(byte_order_marks_are_skipped, warnings_begin),
         cmocka_unit_test_setup(deep_nesting_is_rejected, warnings_begin),
         cmocka_unit_test_setup(truncated_files_are_rejected, warnings_begin),
         cmocka_unit_test_setup(synthetic_test_split_is_read_from_its_file, warnings_begin),

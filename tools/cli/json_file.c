@@ -10,6 +10,19 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 
+// Skips the byte order mark with which programs on Windows begin UTF-8 files. No other JSON begins
+// with its first byte.
+static void skip_byte_order_mark(FILE *stream)
+{
+    const int first = getc(stream);
+    if (first == 0xef) {
+        (void)getc(stream);
+        (void)getc(stream);
+    } else if (first != EOF) {
+        ungetc(first, stream);
+    }
+}
+
 json_t *load_json(const char *path, size_t flags, json_error_t *error)
 {
     const char *reason = NULL;
@@ -21,6 +34,7 @@ json_t *load_json(const char *path, size_t flags, json_error_t *error)
         }
         return NULL;
     }
+    skip_byte_order_mark(stream);
     json_t *root = json_loadf(stream, flags, error);
     fclose(stream);
     return root;

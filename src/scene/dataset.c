@@ -106,7 +106,16 @@ sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *pat
     sgs_status status = SGS_STATUS_OK;
     for (size_t i = 1; i < count && !status; ++i) {
         const sgsi_frame *a = order[i - 1], *b = order[i];
-        if (!strcmp(a->name, b->name))
+        if (strcmp(a->name, b->name) != 0)
+            continue;
+        const sgsi_frame *second = b->file ? b : a;
+        if (a->file != b->file)
+            status = sgsi_fail(
+                SGS_STATUS_FORMAT,
+                "%s: %s %llu: image '%s' is also %s %llu of %s; remove it from one of the files",
+                path, unit, (unsigned long long)(second == b ? a : b)->place, b->name, unit,
+                (unsigned long long)second->place, second->file);
+        else
             status = sgsi_fail(
                 SGS_STATUS_FORMAT,
                 "%s: %s %llu: duplicate image name '%s', first used at %s %llu; use unique names",

@@ -22,8 +22,9 @@ typedef struct sgsi_frame {
     sgs_camera camera;
     sgs_pose pose;
     double angle_x, angle_y;
-    sgs_split split; // if the files define it (dataset.has_split)
-    uint64_t place;  // byte or line in the file, for errors
+    sgs_split split;  // if the files define it (dataset.has_split)
+    uint64_t place;   // byte, line or frame in the file, for errors
+    const char *file; // static name of the second file if `place` is in it, or NULL
 } sgsi_frame;
 
 typedef struct sgsi_dataset {

@@ -31,6 +31,7 @@
 
 enum { MAX_SIZE = 65536 };
 
+#define TEST_FILE "transforms_test.json"
 #define FRAME_EXTENSION ".png" // of a file_path without extension
 
 enum key {
@@ -359,7 +360,8 @@ static sgs_status read_frames(reader *r, const json_t *root, sgs_split split)
     for (size_t i = 0; i < count && !status; ++i) {
         snprintf(r->where, sizeof r->where, "frame %zu", i);
         sgsi_frame *frame = &d->frames[d->frame_count++];
-        *frame = (sgsi_frame){.split = split, .place = i};
+        *frame = (sgsi_frame){
+            .split = split, .place = i, .file = split == SGS_SPLIT_TEST ? TEST_FILE : NULL};
         status = read_frame(r, json_array_get(frames, i), &global, frame);
     }
     return status;
@@ -510,7 +512,7 @@ sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset)
     sgs_status status = read_file(path, SGS_SPLIT_TRAIN, dataset);
     if (!status && length >= suffix_length && !strcmp(path + length - suffix_length, suffix)) {
         dataset->white_background = true;
-        char *test = sibling_path(path, "transforms_test.json");
+        char *test = sibling_path(path, TEST_FILE);
         if (!test)
             status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);
         else if (!access(test, F_OK)) {

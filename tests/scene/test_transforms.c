@@ -355,6 +355,12 @@ static void synthetic_test_split_is_read_from_its_file(void **state)
     assert_string_equal(d.frames[1].name, "test/r_0.png");
     assert_int_equal(d.frames[1].split, SGS_SPLIT_TEST);
     sgsi_dataset_free(&d);
+    snprintf(text, sizeof text, form, "train");
+    tree_put_text(&folder, "transforms_test.json", text);
+    assert_int_equal(sgsi_transforms_read(temp_path(&folder, "transforms_train.json"), &d),
+                     SGS_STATUS_FORMAT);
+    assert_holds(sgs_last_error(), "transforms_train.json: frame 0: image 'train/r_0.png' is also "
+                                   "frame 0 of transforms_test.json");
     tree_put_text(&folder, "transforms_test.json", "{broken");
     assert_int_equal(sgsi_transforms_read(temp_path(&folder, "transforms_train.json"), &d),
                      SGS_STATUS_FORMAT);

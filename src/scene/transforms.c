@@ -90,6 +90,22 @@ static sgs_status read_intrinsics(const reader *r, const json_t *object, intrins
     return SGS_STATUS_OK;
 }
 
+static bool has_number(const json_t *object, enum key key)
+{
+    return json_is_number(json_object_get(object, key_names[key]));
+}
+
+// A field of view of a frame replaces global focal lengths, which would take precedence.
+static void drop_global_focal(const json_t *object, intrinsics *out)
+{
+    static const enum key keys[] = {KEY_FL_X, KEY_FL_Y, KEY_ANGLE_X, KEY_ANGLE_Y};
+    if (has_number(object, KEY_FL_X) || has_number(object, KEY_FL_Y) ||
+        !(has_number(object, KEY_ANGLE_X) || has_number(object, KEY_ANGLE_Y)))
+        return;
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
+        out->value[keys[i]] = NAN;
+}
+
 static double or_else(double value, double otherwise)
 {
     return isnan(value) ? otherwise : value;
@@ -335,6 +351,7 @@ static sgs_status read_frame(const reader *r, const json_t *object, const intrin
         status = read_mask(r, object, &frame->mask);
     if (!status)
         status = read_pose(r, object, &frame->pose);
+    drop_global_focal(object, &own);
     if (!status)
         status = read_intrinsics(r, object, &own);
     return status ? status : read_camera(r, &own, frame);

@@ -203,6 +203,11 @@ static sgs_status read_camera(const reader *r, const intrinsics *in, sgsi_frame 
         frame->angle_x = or_else(in->value[KEY_ANGLE_X], 0); // completed by the photograph's size
         frame->angle_y = isnan(fl_y) ? or_else(in->value[KEY_ANGLE_Y], 0) : 0;
     }
+    if (isnan(p[0]) && sgs_camera_is_fisheye(camera->model))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: no focal length of the fisheye lens, which 'camera_angle_x' does "
+                         "not define; add 'fl_x' (pixels)",
+                         r->path, r->where);
     if (isnan(p[0]) && !(frame->angle_x > 0 || frame->angle_y > 0))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
@@ -277,6 +282,12 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
         rotation[3 * i + 1] = -m[i][1];
         rotation[3 * i + 2] = -m[i][2];
     }
+    double cofactors[9];
+    if (determinant(rotation, cofactors) < 0)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: 'transform_matrix' is mirrored; convert left-handed cameras to "
+                         "right-handed ones with x right, y up, z backward",
+                         r->path, r->where);
     if (!make_rotation(rotation))
         return sgsi_fail(
             SGS_STATUS_FORMAT,

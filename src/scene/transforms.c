@@ -66,6 +66,7 @@ typedef struct reader {
     const char *path;
     char where[48]; // "frame 3" or "the global keys"
     sgsi_dataset *dataset;
+    bool ignores_distortion; // warned
 } reader;
 
 // Sets the values that are present in `object`.
@@ -126,7 +127,7 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
     return SGS_STATUS_OK;
 }
 
-static sgs_status read_model(const reader *r, const intrinsics *in, sgs_camera *camera)
+static sgs_status read_model(reader *r, const intrinsics *in, sgs_camera *camera)
 {
     static const char *const perspective[] = {"OPENCV", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL",
                                               "PERSPECTIVE"};
@@ -139,8 +140,16 @@ static sgs_status read_model(const reader *r, const intrinsics *in, sgs_camera *
     for (size_t i = 0; i < sizeof perspective / sizeof *perspective; ++i)
         known = known || !strcmp(model, perspective[i]);
     camera->model = SGS_CAMERA_PINHOLE;
-    if (!strcmp(model, "PINHOLE"))
+    if (!strcmp(model, "PINHOLE")) {
+        if ((k1 != 0 || k2 != 0 || k3 != 0 || k4 != 0 || p1 != 0 || p2 != 0) &&
+            !r->ignores_distortion) {
+            sgsi_warn("%s: %s: camera model PINHOLE has no distortion; k1 to k4, p1 and p2 are "
+                      "ignored; use OPENCV if the images are distorted",
+                      r->path, r->where);
+            r->ignores_distortion = true;
+        }
         return SGS_STATUS_OK;
+    }
     p[4] = k1;
     p[5] = k2;
     if (!strcmp(model, "OPENCV_FISHEYE")) {
@@ -180,7 +189,7 @@ static sgs_status focal_of_angle(const reader *r, const intrinsics *in, enum key
     return SGS_STATUS_OK;
 }
 
-static sgs_status read_camera(const reader *r, const intrinsics *in, sgsi_frame *frame)
+static sgs_status read_camera(reader *r, const intrinsics *in, sgsi_frame *frame)
 {
     sgs_camera *camera = &frame->camera;
     double from_x, from_y;
@@ -351,7 +360,7 @@ static sgs_status read_mask(const reader *r, const json_t *object, char **path)
                                          : read_path(r, object, "mask_path", "", path);
 }
 
-static sgs_status read_frame(const reader *r, const json_t *object, const intrinsics *global,
+static sgs_status read_frame(reader *r, const json_t *object, const intrinsics *global,
                              sgsi_frame *frame)
 {
     intrinsics own = *global;

@@ -290,6 +290,28 @@ static void invalid_files_are_rejected_with_frame_and_key(void **state)
     }
 }
 
+static void ignored_distortion_is_warned_of_once(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    for (int distorted = 0; distorted < 2; ++distorted) {
+        char text[1024];
+        sgsi_dataset d;
+        snprintf(text, sizeof text,
+                 "{" GLOBAL "\"camera_model\":\"PINHOLE\",\"k1\":%d,\"frames\":[" FRAME
+                 ",{\"file_path\":\"b.png\",\"transform_matrix\":" IDENTITY "}]}",
+                 distorted);
+        read_text(&folder, text, &d);
+        assert_int_equal(d.frames[1].camera.model, SGS_CAMERA_PINHOLE);
+        sgsi_dataset_free(&d);
+        if (!distorted)
+            assert_string_equal(warnings, "");
+    }
+    assert_holds(warnings, "frame 0: camera model PINHOLE has no distortion; k1 to k4");
+    assert_null(strstr(warnings, "frame 1"));
+    tree_remove(&folder);
+}
+
 static void byte_order_marks_are_skipped(void **state)
 {
     (void)state;
@@ -651,6 +673,7 @@ int main(void)
         cmocka_unit_test_setup(scaled_and_rounded_matrices_become_rotations, warnings_begin),
         cmocka_unit_test_setup(intrinsics_are_read_from_all_keys, warnings_begin),
         cmocka_unit_test_setup(invalid_files_are_rejected_with_frame_and_key, warnings_begin),
+        cmocka_unit_test_setup(ignored_distortion_is_warned_of_once, warnings_begin),
         cmocka_unit_test_setup(byte_order_marks_are_skipped, warnings_begin),
         cmocka_unit_test_setup(deep_nesting_is_rejected, warnings_begin),
         cmocka_unit_test_setup(truncated_files_are_rejected, warnings_begin),

@@ -275,6 +275,12 @@ done
 { printf '\357\273\277' && cat "$temporary/path.json"; } >"$temporary/marked.json"
 run 0 render "$model" --camera "$temporary/marked.json" --size 64x32 --aov rgba -o "$temporary/path"
 
+# other_camera_paths_are_named (that of instant-ngp)
+printf '{"path": [{"R": [0, 0, 0, 1], "T": [0, 0, 0], "fov": 50}], "time": 0}' >"$temporary/other.json"
+run 1 render "$model" --camera "$temporary/other.json" -o "$temporary/none"
+one_line
+reports 'other.json: contains no cameras of a known format; cameras are read from cameras.json, transforms.json and'
+
 # a_transforms_json_is_a_camera_file
 jq '{w: .[0].width, h: .[0].height, fl_x: .[0].fx, fl_y: .[0].fy, cx: .[0].cx, cy: .[0].cy,
     camera_model: .[0].camera_model, k1: .[0].params[4], k2: .[0].params[5], p1: .[0].params[6], p2: .[0].params[7], frames: [.[] | {

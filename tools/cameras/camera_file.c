@@ -220,6 +220,13 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
     return true;
 }
 
+// True if `root` has no camera at all, as the camera paths of other programs.
+static bool is_foreign(const json_t *root)
+{
+    return !json_is_array(root) && !json_object_get(root, "width") &&
+           !json_object_get(root, "fx") && !json_object_get(root, "position");
+}
+
 bool camera_file_is_scene(const char *path)
 {
     json_t *root = load_json(path, 0, NULL);
@@ -242,6 +249,13 @@ bool camera_file_read(const char *path, camera_list *list)
     if (!root)
         return false;
     const json_t *frames = json_object_get(root, "camera_path");
+    if (!frames && is_foreign(root)) {
+        fail_run("%s: contains no cameras of a known format; cameras are read from cameras.json, "
+                 "transforms.json and the camera path of nerfstudio's viewer",
+                 path);
+        json_decref(root);
+        return false;
+    }
     list->count = frames                ? json_array_size(frames)
                   : json_is_array(root) ? json_array_size(root)
                                         : 1;

@@ -267,6 +267,22 @@ static bool make_rotation(double m[9])
     return true;
 }
 
+// The fourth row is (0, 0, 0, 1). Column-major matrices have the position there, and no other
+// symptom: all cameras would be at the origin.
+static sgs_status check_last_row(const reader *r, const json_t *row)
+{
+    double value[4] = {0};
+    for (size_t j = 0; j < 4; ++j)
+        value[j] = json_number_value(json_array_get(row, j));
+    if (fabs(value[0]) <= 1e-3 && fabs(value[1]) <= 1e-3 && fabs(value[2]) <= 1e-3)
+        return SGS_STATUS_OK;
+    return sgsi_fail(
+        SGS_STATUS_FORMAT,
+        "%s: %s: last row of 'transform_matrix' is (%g, %g, %g, %g), not (0, 0, 0, 1); "
+        "transpose column-major matrices",
+        r->path, r->where, value[0], value[1], value[2], value[3]);
+}
+
 static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pose)
 {
     const json_t *rows = json_object_get(object, "transform_matrix");
@@ -285,6 +301,9 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s: 'transform_matrix' must be 4 rows (or 3) of 4 numbers", r->path,
                          r->where);
+    const sgs_status status = check_last_row(r, json_array_get(rows, 3));
+    if (status)
+        return status;
     double rotation[9];
     for (int i = 0; i < 3; ++i) {
         rotation[3 * i] = m[i][0];

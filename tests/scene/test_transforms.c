@@ -226,6 +226,8 @@ static const struct {
      "frame 1: 'transform_matrix' must be 4 rows"},
     {MATRIX("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1],[0,0,0,1]]"), SGS_STATUS_FORMAT,
      "frame 1: 'transform_matrix'"},
+    {MATRIX("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[4,5,6,1]]"), SGS_STATUS_FORMAT,
+     "frame 1: last row of 'transform_matrix' is (4, 5, 6, 1), not (0, 0, 0, 1); transpose"},
     {MATRIX("[[0,0,0,0],[0,0,0,0],[0,0,0,0]]"), SGS_STATUS_FORMAT,
      "frame 1: 'transform_matrix' contains no rotation"},
     {MATRIX("[[-1,0,0,0],[0,1,0,0],[0,0,1,0]]"), SGS_STATUS_FORMAT,

@@ -69,6 +69,21 @@ typedef struct reader {
     bool ignores_distortion; // warned
 } reader;
 
+// Fails for keys of instant-ngp that select a lens which is not supported.
+static sgs_status check_lens(const reader *r, const json_t *object)
+{
+    static const char *const keys[] = {"ftheta_p0", "latlong", "equirectangular"};
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i) {
+        const json_t *value = json_object_get(object, keys[i]);
+        if (value && !json_is_null(value) && !json_is_false(value))
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: %s: the lens of '%s' is not supported; convert the images to "
+                             "PINHOLE, OPENCV or OPENCV_FISHEYE",
+                             r->path, r->where, keys[i]);
+    }
+    return SGS_STATUS_OK;
+}
+
 // Sets the values that are present in `object`.
 static sgs_status read_intrinsics(const reader *r, const json_t *object, intrinsics *out)
 {
@@ -88,7 +103,7 @@ static sgs_status read_intrinsics(const reader *r, const json_t *object, intrins
     if (json_is_string(model))
         out->model = json_string_value(model);
     out->fisheye = out->fisheye || json_is_true(json_object_get(object, "is_fisheye"));
-    return SGS_STATUS_OK;
+    return check_lens(r, object);
 }
 
 static bool has_number(const json_t *object, enum key key)

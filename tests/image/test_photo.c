@@ -413,8 +413,11 @@ static temp_folder make_scene(float broken)
         snprintf(path, sizeof path, "images/%s", names[i]);
         put_light(&folder, path, 8, false, i == 1 ? broken : 0, 0);
     }
-    for (int k = 0; k < m.camera_count; ++k)
+    for (int k = 0; k < m.camera_count; ++k) {
+        const int center = m.cameras[k].model == SGS_CAMERA_SIMPLE_PINHOLE ? 1 : 2; // cx, cy
         m.cameras[k].width = WIDTH, m.cameras[k].height = HEIGHT;
+        m.cameras[k].params[center] = 0.5 * WIDTH, m.cameras[k].params[center + 1] = 0.5 * HEIGHT;
+    }
     model_put(&folder, "sparse/0/", &m, true);
     return folder;
 }

@@ -88,7 +88,7 @@ sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_option
     count = count ? count : 1;
     const sgsi_schedule_input input = {.views = count,
                                        .pixels = fmax(pixels / (double)count, 1.0),
-                                       .random = !scene->point_count && !options->init};
+                                       .random = sgs_train_random_points(scene, options) > 0};
     return sgsi_schedule_make(options, &input);
 }
 

@@ -126,5 +126,8 @@ run 0 eval "$model" "$temporary/flat" --test-images 0001.jpg,0009.jpg --json
 json "$temporary/stdout" '.images[1].sharpness == null and .images[1].flip > 0 and .mean.sharpness == .images[0].sharpness'
 run 0 eval "$model" "$temporary/flat" --test-images 0009.jpg --json
 json "$temporary/stdout" '.mean.sharpness == null and .mean.psnr > 0'
+run 0 eval "$model" "$temporary/flat" --test-images 0009.jpg
+check a_flat_photo_has_no_sharpness grep -qE '^PSNR .*, sharpness - over 1 images' "$temporary/stdout"
+check its_row_has_none grep -qE '^0009.* -$' "$temporary/stdout"
 
 finish

@@ -93,8 +93,9 @@ static bool save_images(const char *folder, const char *stem, const view_images 
 
 static void print_row(const evaluator *evaluation, const char *name, const view_score *score)
 {
-    printf("%-32s %8.3f dB  %.5f  %.5f  %9.4f", name, score->psnr, score->ssim, score->flip,
-           score->sharpness);
+    char sharpness[SHARPNESS_TEXT];
+    printf("%-32s %8.3f dB  %.5f  %.5f  %s", name, score->psnr, score->ssim, score->flip,
+           sharpness_format(sharpness, score->sharpness, 9, 4));
     if (evaluation->lpips)
         printf("  %.5f", score->lpips);
     putchar('\n');
@@ -172,9 +173,10 @@ static void print_means(const evaluator *evaluation, sgs_split split, const spli
                  : split == SGS_SPLIT_TRAIN ? format_text("training images")
                                             : format_text("%zu training images, %zu held out",
                                                           scene->view_count - held_out, held_out);
+    char sharpness[SHARPNESS_TEXT];
     print_row(evaluation, "mean", &mean->mean);
-    printf("PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f", mean->mean.psnr, mean->mean.ssim,
-           mean->mean.flip, mean->mean.sharpness);
+    printf("PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s", mean->mean.psnr, mean->mean.ssim,
+           mean->mean.flip, sharpness_format(sharpness, mean->mean.sharpness, 0, 3));
     if (evaluation->lpips)
         printf(", LPIPS %.4f (%s)", mean->mean.lpips, sgs_lpips_network(evaluation->lpips));
     printf(" over %zu images (%s)\n", mean->images, kind);

@@ -415,14 +415,24 @@ json_t *split_score_json(const split_score *score)
     return object;
 }
 
+char *sharpness_format(char text[SHARPNESS_TEXT], double sharpness, int width, int decimals)
+{
+    if (isnan(sharpness))
+        snprintf(text, SHARPNESS_TEXT, "%*s", width, "-");
+    else
+        snprintf(text, SHARPNESS_TEXT, "%*.*f", width, decimals, sharpness);
+    return text;
+}
+
 void split_score_print(const char *label, const split_score *score)
 {
     if (!score->images)
         return;
-    char lpips[32] = "";
+    char sharpness[SHARPNESS_TEXT], lpips[32] = "";
     if (!isnan(score->mean.lpips))
         snprintf(lpips, sizeof lpips, ", LPIPS %.4f", score->mean.lpips);
-    printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %.3f%s (%zu images%s)\n", label,
-           score->mean.psnr, score->mean.ssim, score->mean.flip, score->mean.sharpness, lpips,
-           score->images, score->identical ? ", some identical: 100 dB each" : "");
+    printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s%s (%zu images%s)\n", label,
+           score->mean.psnr, score->mean.ssim, score->mean.flip,
+           sharpness_format(sharpness, score->mean.sharpness, 0, 3), lpips, score->images,
+           score->identical ? ", some identical: 100 dB each" : "");
 }

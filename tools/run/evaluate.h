@@ -87,6 +87,9 @@ bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *la
 // Scores a split. A request to stop (interrupt.h) ends it early with images = 0.
 bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score);
 
+enum { SHARPNESS_TEXT = 32 };
+// The sharpness right-aligned in `width` columns, "-" if it is NaN. Returns `text`.
+char *sharpness_format(char text[SHARPNESS_TEXT], double sharpness, int width, int decimals);
 // Adds "psnr" (null if infinite), "ssim", "flip", "sharpness" and "lpips" to a JSON object. NaN
 // becomes null.
 void view_score_add_json(json_t *object, const view_score *score);

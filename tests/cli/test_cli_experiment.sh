@@ -102,6 +102,18 @@ expect '^\| 3dgs \| x \| 10.0 \| 200 \| 25.00 .*\| -30.0 % \| \+0.75 '
 expect '^\| 3dgs \| y \| 10.0 \| 50 .*\| -10.0 % \| -1.00 '
 expect '^\| 3dgs \| scene-weighted mean .*\| \+0.0 % \| -23.3 % \| \+0.17 '
 expect '^\| average .*\| -23.3 % '
+if grep -q LPIPS "$folder/sets/report.md"; then echo "FAIL: LPIPS without weights"; exit 1; fi
+# LPIPS where the runs have it: +0.05 on x, 0 on y.
+jq '.runs[].summary.test.lpips = 0.2 | (.runs[] | select(.scene != "c" and .variant == "on")).summary.test.lpips = 0.25 |
+    .plan.variants += [{name: "t"}] | .runs += [.runs[] | select(.variant == "on") | .variant = "t"]' "$folder/sets/results.json" >"$folder/sets/lpips.json"
+mv "$folder/sets/lpips.json" "$folder/sets/results.json"
+"$SPAREGS_PROGRAM" report "$folder/sets" --pictures 0 --maps 0 >/dev/null
+expect '^\| pipeline .*\| base sharpness \| base LPIPS \|.*\| ours LPIPS \|.*\| Δ LPIPS \|$'
+expect '^\| 3dgs \| x \|.*\| 0.2000 \|.*\| 0.2500 \|.*\| \+0.0500 \|$'
+expect '^\| 3dgs \| scene-weighted mean .*\| \+0.0333 \|$'
+expect '^\| variant .*\| sharpness \| LPIPS \|.*\| Δ LPIPS \|$'
+expect '^\| t .*\| 0.2333 \|.*\| \+0.0333 \|$'
+grep -q 'new Option(.LPIPS' "$folder/sets/report.html"
 # FLIP and sharpness: in the tables, in the CSV and on the page, as in the summaries.
 summary=$folder/out/runs/room/mip/on/seed_0/summary.json
 flip=$(jq .test.flip "$summary"); sharpness=$(jq .test.sharpness "$summary")

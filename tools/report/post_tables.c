@@ -314,7 +314,7 @@ static json_t *kind_table(const json_t *results, const char *kind, const char *t
         "step, quality of the held-out images; means over seeds, then over the scenes that have "
         "results at all points. Δ time: change of the sum over the points. BD-rate: change in size "
         "at equal PSNR; BD-PSNR: change in PSNR "
-        "at equal size; N/A without a common range.",
+        "at equal size; N/A without a common range, or if a smaller file of a curve is better.",
         columns);
     json_t *steps = steps_of(runs, kind);
     const json_t *pipelines = json_object_get(plan, "pipelines");

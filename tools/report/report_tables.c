@@ -57,27 +57,38 @@ static double percent(double base, double ours)
 
 // ---- Off and on ----
 
-enum { METRICS = 6 };
+enum { METRICS = 7 }; // the last one, LPIPS, only where a run has it
 static const char *const metrics[METRICS] = {"train_seconds", "gaussians", "test.psnr",
-                                             "test.ssim",     "test.flip", "test.sharpness"};
-static const char *const formats[METRICS] = {"%.1f", "%.0f", "%.2f", "%.4f", "%.4f", "%.3f"};
-static const char *const change_formats[METRICS] = {"%+.1f %%", "%+.1f %%", "%+.2f",
-                                                    "%+.4f",    "%+.4f",    "%+.3f"};
+                                             "test.ssim",     "test.flip", "test.sharpness",
+                                             "test.lpips"};
+static const char *const formats[METRICS] = {"%.1f", "%.0f", "%.2f", "%.4f",
+                                             "%.4f", "%.3f", "%.4f"};
+static const char *const change_formats[METRICS] = {"%+.1f %%", "%+.1f %%", "%+.2f", "%+.4f",
+                                                    "%+.4f",    "%+.3f",    "%+.4f"};
+
+// Number of metrics in the tables.
+static int shown_metrics(const json_t *runs)
+{
+    for (size_t k = 0; k < json_array_size(runs); ++k)
+        if (!isnan(metric_of(json_array_get(runs, k), metrics[METRICS - 1])))
+            return METRICS;
+    return METRICS - 1;
+}
 
 static double change(int metric, double base, double ours)
 {
     return metric < 2 ? percent(base, ours) : ours - base;
 }
 
-static void put_changes(json_t *table, const char *pipeline, const char *label,
+static void put_changes(json_t *table, const char *pipeline, const char *label, int shown,
                         const double changes[METRICS])
 {
     json_t *row = json_array();
     table_put_text(row, pipeline);
     table_put_text(row, label);
-    for (int k = 0; k < 2 * METRICS; ++k)
+    for (int k = 0; k < 2 * shown; ++k)
         table_put_text(row, "");
-    for (int k = 0; k < METRICS; ++k)
+    for (int k = 0; k < shown; ++k)
         table_put_number(row, change_formats[k], changes[k]);
     table_end_row(table, row);
 }
@@ -87,16 +98,17 @@ typedef struct pair {
     double base[METRICS], ours[METRICS];
 } pair;
 
-static void put_pair(json_t *table, const char *pipeline, const char *label, const pair *values)
+static void put_pair(json_t *table, const char *pipeline, const char *label, int shown,
+                     const pair *values)
 {
     json_t *row = json_array();
     table_put_text(row, pipeline);
     table_put_text(row, label);
-    for (int k = 0; k < METRICS; ++k)
+    for (int k = 0; k < shown; ++k)
         table_put_number(row, formats[k], values->base[k]);
-    for (int k = 0; k < METRICS; ++k)
+    for (int k = 0; k < shown; ++k)
         table_put_number(row, formats[k], values->ours[k]);
-    for (int k = 0; k < METRICS; ++k)
+    for (int k = 0; k < shown; ++k)
         table_put_number(row, change_formats[k], change(k, values->base[k], values->ours[k]));
     table_end_row(table, row);
 }
@@ -127,6 +139,7 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
 {
     const json_t *scenes = json_object_get(json_object_get(results, "plan"), "scenes"),
                  *runs = json_object_get(results, "runs");
+    const int shown = shown_metrics(runs);
     pair means = {0};
     double count = 0, changes[METRICS];
     for (size_t s = 0; s < json_array_size(scenes); ++s) {
@@ -139,7 +152,7 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
             values.base[k] = mean(runs, name, pipeline, "off", metrics[k]);
             values.ours[k] = mean(runs, name, pipeline, "on", metrics[k]);
         }
-        put_pair(table, pipeline, name, &values);
+        put_pair(table, pipeline, name, shown, &values);
         if (isnan(values.base[1]) || isnan(values.ours[1]))
             continue;
         for (int k = 0; k < METRICS; ++k) {
@@ -158,7 +171,7 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
         means.ours[k] /= count;
         changes[k] = change(k, means.base[k], means.ours[k]);
     }
-    put_pair(table, pipeline, data_set, &means);
+    put_pair(table, pipeline, data_set, shown, &means);
     add_change(total, changes, count);
 }
 
@@ -171,25 +184,44 @@ static bool is_first_of_data_set(const json_t *scenes, size_t s)
     return true;
 }
 
-static json_t *pipelines_table(const json_t *results)
+// Names of the metrics in both states, and of their changes.
+static const char *const base_names[METRICS] = {
+    "base s", "base N", "base PSNR", "base SSIM", "base FLIP", "base sharpness", "base LPIPS"};
+static const char *const our_names[METRICS] = {
+    "ours s", "ours N", "ours PSNR", "ours SSIM", "ours FLIP", "ours sharpness", "ours LPIPS"};
+static const char *const change_names[METRICS] = {"Δ time", "Δ N",         "Δ PSNR", "Δ SSIM",
+                                                  "Δ FLIP", "Δ sharpness", "Δ LPIPS"};
+
+// A table with `shown` metrics and no rows.
+static json_t *new_pipelines_table(bool in_sets, int shown)
 {
-    static const char *const columns[] = {
-        "pipeline",  "scene",          "base s", "base N", "base PSNR", "base SSIM",
-        "base FLIP", "base sharpness", "ours s", "ours N", "ours PSNR", "ours SSIM",
-        "ours FLIP", "ours sharpness", "Δ time", "Δ N",    "Δ PSNR",    "Δ SSIM",
-        "Δ FLIP",    "Δ sharpness",    NULL};
-    const json_t *plan = json_object_get(results, "plan"),
-                 *pipelines = json_object_get(plan, "pipelines"),
-                 *scenes = json_object_get(plan, "scenes");
-    const bool in_sets = *json_member_text(json_array_get(scenes, 0), "data_set");
+    const char *columns[3 * METRICS + 3] = {"pipeline", "scene"};
+    const char *const *const groups[] = {base_names, our_names, change_names};
+    size_t count = 2;
+    for (size_t g = 0; g < sizeof groups / sizeof *groups; ++g)
+        for (int k = 0; k < shown; ++k)
+            columns[count++] = groups[g][k];
     char *note = format_text(
-        "Base: variant off; ours: variant on. PSNR (dB), SSIM, FLIP and sharpness of the held-out "
-        "images. Better: higher PSNR and SSIM, lower FLIP, sharpness near 1.%s",
+        "Base: variant off; ours: variant on. PSNR (dB), SSIM, %s of the held-out images. Better: "
+        "higher PSNR and SSIM, lower %s, sharpness near 1.%s",
+        shown == METRICS ? "FLIP, sharpness and LPIPS" : "FLIP and sharpness",
+        shown == METRICS ? "FLIP and LPIPS" : "FLIP",
         in_sets ? " A data set has the means of its scenes and the changes of these means. The "
                   "mean of a pipeline weights the data sets by their number of scenes."
                 : "");
     json_t *table = table_new("Base pipelines without and with SPARE-GS", note, columns);
     free(note);
+    return table;
+}
+
+static json_t *pipelines_table(const json_t *results)
+{
+    const json_t *plan = json_object_get(results, "plan"),
+                 *pipelines = json_object_get(plan, "pipelines"),
+                 *scenes = json_object_get(plan, "scenes");
+    const bool in_sets = *json_member_text(json_array_get(scenes, 0), "data_set");
+    const int shown = shown_metrics(json_object_get(results, "runs"));
+    json_t *table = new_pipelines_table(in_sets, shown);
     change_mean all = {0};
     double changes[METRICS];
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
@@ -202,12 +234,12 @@ static json_t *pipelines_table(const json_t *results)
         if (!in_sets)
             put_scenes(table, results, pipeline, NULL, &total);
         finish_changes(&total, changes);
-        put_changes(table, pipeline, in_sets ? "scene-weighted mean" : "mean", changes);
+        put_changes(table, pipeline, in_sets ? "scene-weighted mean" : "mean", shown, changes);
         if (total.weight > 0)
             add_change(&all, changes, 1.0);
     }
     finish_changes(&all, changes);
-    put_changes(table, "average", "", changes);
+    put_changes(table, "average", "", shown, changes);
     return table;
 }
 
@@ -236,9 +268,15 @@ static void paired_means(const json_t *plan, const json_t *runs, const char *pip
 
 static json_t *variants_table(const json_t *plan, const json_t *runs, const char *pipeline)
 {
-    static const char *const columns[] = {
-        "variant",   "N",   "s",      "iterations", "PSNR",   "SSIM",        "FLIP",
-        "sharpness", "Δ N", "Δ time", "Δ PSNR",     "Δ FLIP", "Δ sharpness", NULL};
+    static const char *const all_columns[] = {
+        "variant", "N",   "s",      "iterations", "PSNR",   "SSIM",        "FLIP",   "sharpness",
+        "LPIPS",   "Δ N", "Δ time", "Δ PSNR",     "Δ FLIP", "Δ sharpness", "Δ LPIPS"};
+    enum { COLUMNS = sizeof all_columns / sizeof *all_columns };
+    const int shown = shown_metrics(runs);
+    const char *columns[COLUMNS + 1] = {NULL};
+    for (size_t k = 0, count = 0; k < COLUMNS; ++k)
+        if (shown == METRICS || !strstr(all_columns[k], "LPIPS"))
+            columns[count++] = all_columns[k];
     char *title = format_text("Variants of %s", pipeline);
     json_t *table =
         table_new(title,
@@ -259,10 +297,10 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         table_put_number(row, formats[1], value[1]);
         table_put_number(row, formats[0], value[0]);
         table_put_number(row, "%.0f", mean(runs, NULL, pipeline, variant, "iterations"));
-        for (int k = 2; k < METRICS; ++k)
+        for (int k = 2; k < shown; ++k)
             table_put_number(row, formats[k], value[k]);
-        static const int changes[] = {1, 0, 2, 4, 5};
-        for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k) {
+        static const int changes[] = {1, 0, 2, 4, 5, 6}; // the last one: LPIPS
+        for (size_t k = 0; k < sizeof changes / sizeof *changes && changes[k] < shown; ++k) {
             const int m = changes[k];
             double base, ours;
             paired_means(plan, runs, pipeline, variant, metrics[m], &base, &ours);

@@ -111,4 +111,17 @@ run 1 render "$model" "$room" --view 0009 --aov region -o "$temporary/exr"
 one_line
 reports "regions.bin"
 
+# options_that_others_disable_are_reported
+idle() { # OPTION WHY ARGUMENT...
+    local option=$1 why=$2
+    shift 2
+    run 0 train "$room" -o "$temporary/idle" --downscale 16 --iterations 2 --quiet --overwrite "$@"
+    reports "--$option has no effect $why"
+}
+idle spare-range "with --spare-phi product or plain" --spare-phi plain --spare-range 0.2
+idle spare-capacity-min "on a --spare-demand without c" --spare-demand h,v --spare-capacity-min 0.1
+idle spare-capacity-max "on a --spare-demand without c" --spare-demand h --spare-capacity-max 3
+run 0 train "$room" -o "$temporary/idle" --downscale 16 --iterations 2 --quiet --overwrite --spare-phi constant --spare-range 0.2 --spare-demand c --spare-capacity-min 0
+check no_option_is_idle bash -c "! grep 'has no effect' '$temporary/stderr'"
+
 finish

@@ -587,3 +587,12 @@ int train_values_check(const train_values *values, const command_line *line)
         return refuse_idle(line, "taming-multiplier", "with --taming-count");
     return -1;
 }
+
+void train_warn_idle(const train_values *values, const command_line *line)
+{
+    const sgs_train_options *o = &values->options;
+    if (o->spare_phi == SGS_PHI_PRODUCT || o->spare_phi == SGS_PHI_PLAIN)
+        warn_idle(line, "spare-range", "with --spare-phi product or plain");
+    if (!(o->spare_demand & SGS_DEMAND_C))
+        warn_idle(line, "spare-capacity-min|spare-capacity-max", "on a --spare-demand without c");
+}

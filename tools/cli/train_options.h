@@ -43,6 +43,9 @@ int train_scene_check(const scene_values *scene);
 // Checks the combination of the parsed options. Returns -1 to continue, or an exit status.
 int train_values_check(const train_values *values, const command_line *line);
 
+// Warns about given options of SPARE-GS that others disable.
+void train_warn_idle(const train_values *values, const command_line *line);
+
 // OUT/config.json: versions, machine settings and under "options" every option as used.
 json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,
                      const common_values *common);

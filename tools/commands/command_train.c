@@ -107,6 +107,7 @@ static bool load_scene(training *run)
         return false;
     run->load_seconds = clock_seconds() - start;
     scene_warn_idle(run->scene, &run->data, run->line);
+    train_warn_idle(&run->values, run->line);
     const bool random = run->values.options.background_random; // of --opaque, too
     if (run->scene->white_background && !option_given(run->line, "background") && !random)
         for (int c = 0; c < 3; ++c)

@@ -6,7 +6,7 @@
 // OpenEXRCore 3.1 does not compress with DWAA. OpenImageIO encodes such an image in memory, and its
 // chunks are copied to the file. A DWA chunk states which channel names are lossy, among those of
 // the encoded image. So a channel that OpenImageIO encodes under another name, as lossless, is
-// lossless under its own name, too.
+// lossless under its own name, too. It encodes an image of one channel with ZIP, and so do we.
 
 #include "image/exr_writer.h"
 
@@ -130,11 +130,16 @@ static exr_result_t copy_chunks(sgsi_exr_writer *writer, int height, memory_file
     setup.read_fn = read_bytes;
     setup.size_fn = count_bytes;
     exr_context_t reader;
+    exr_compression_t compression = EXR_COMPRESSION_NONE;
     int lines;
     exr_result_t result = exr_start_read(&reader, writer->path, &setup);
     if (result)
         return result;
-    result = exr_get_scanlines_per_chunk(reader, 0, &lines);
+    result = exr_get_compression(reader, 0, &compression);
+    if (!result && compression != EXR_COMPRESSION_DWAA)
+        result = EXR_ERR_FEATURE_NOT_IMPLEMENTED;
+    if (!result)
+        result = exr_get_scanlines_per_chunk(reader, 0, &lines);
     for (int y = 0; !result && y < height; y += lines) {
         exr_chunk_info_t chunk;
         result = exr_read_scanline_chunk_info(reader, 0, y, &chunk);
@@ -200,11 +205,14 @@ sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
     sgs_status status = check_channels(path, channels, channel_count);
     if (status)
         return status;
+    sgs_exr_info own = *info;
+    if (channel_count == 1 && own.compression == SGS_EXR_DWAA)
+        own.compression = SGS_EXR_ZIP;
     flat_image image = {.width = info->width};
     status = sort_channels(&image, path, channels, channel_count);
     if (!status)
-        status = info->compression == SGS_EXR_DWAA ? write_dwaa(&image, path, info)
-                                                   : write_image(&image, path, info, NULL);
+        status = own.compression == SGS_EXR_DWAA ? write_dwaa(&image, path, &own)
+                                                 : write_image(&image, path, &own, NULL);
     sgsi_free(image.sorted);
     return status;
 }

@@ -412,6 +412,25 @@ static void exr_dwaa_is_lossy_for_colors_only(void **state)
     temp_folder_remove(&folder);
 }
 
+// OpenImageIO does not encode one channel with DWAA.
+static void exr_dwaa_of_one_channel_is_zip(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "depth.exr");
+    sgs_exr_info own = info;
+    own.compression = SGS_EXR_DWAA;
+    if (sgs_exr_write(path, &own, channels, 1))
+        fail_msg("%s", sgs_last_error());
+    exr_context_t context;
+    open_exr(path, &context);
+    static unsigned char pixels[4 * WIDTH * HEIGHT];
+    read_channel(context, channels[0].name, 4, pixels);
+    assert_memory_equal(pixels, channels[0].floats, sizeof pixels);
+    exr_finish(&context);
+    temp_folder_remove(&folder);
+}
+
 static void exr_write_failure_keeps_the_old_file(void **state)
 {
     (void)state;
@@ -493,6 +512,7 @@ int main(void)
         cmocka_unit_test(exr_header_has_the_attributes),
         cmocka_unit_test(exr_is_readable_by_another_program),
         cmocka_unit_test(exr_dwaa_is_lossy_for_colors_only),
+        cmocka_unit_test(exr_dwaa_of_one_channel_is_zip),
         cmocka_unit_test(exr_write_failure_keeps_the_old_file),
         cmocka_unit_test(exr_write_reports_failed_allocations),
         cmocka_unit_test(exr_rejects_invalid_arguments),

@@ -275,7 +275,7 @@ enum class Encoding { srgb, linear, other };
 struct Colors {
     Encoding encoding = Encoding::srgb;
     OIIO::ColorProcessorHandle processor; // other: converts to linear light
-    bool primaries = false;               // linear: multiply by the matrix
+    bool primaries = false;               // multiply linear light by the matrix
     double matrix[3][3] = {};             // to Rec. 709
 };
 
@@ -345,6 +345,30 @@ bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
     return true;
 }
 
+// To linear Rec. 709, by the names of the common configurations, or to ACES2065-1, whose primaries
+// are known. The role scene_linear is the last choice: it is ACEScg in configurations for ACES.
+bool find_processor(const OIIO::ColorConfig &config, const std::string &space, Colors &colors)
+{
+    static const char *const rec709[] = {"lin_rec709", "lin_srgb", "Linear Rec.709 (sRGB)",
+                                         "Utility - Linear - sRGB", "Utility - Linear - Rec.709"};
+    static const char *const aces[] = {"aces_interchange", "ACES2065-1", "ACES - ACES2065-1"};
+    static const char *const linear[] = {"scene_linear", "linear"};
+    static const float ap0[SGSI_CHROMATICITIES] = {0.7347F, 0.2653F, 0,        1,
+                                                   0.0001F, -0.077F, 0.32168F, 0.33767F};
+    for (const char *target : rec709)
+        if ((colors.processor = config.createColorProcessor(space, target)))
+            return true;
+    for (const char *target : aces)
+        if ((colors.processor = config.createColorProcessor(space, target))) {
+            colors.primaries = sgsi_primaries_to_rec709(ap0, colors.matrix);
+            return true;
+        }
+    for (const char *target : linear)
+        if ((colors.processor = config.createColorProcessor(space, target)))
+            return true;
+    return false;
+}
+
 sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
                          Colors &colors)
 {
@@ -362,10 +386,7 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
     }
     const OIIO::ColorConfig config; // of the OCIO environment variable, or OpenImageIO's default
     colors.encoding = Encoding::other;
-    colors.processor = config.createColorProcessor(space, "scene_linear");
-    if (!colors.processor)
-        colors.processor = config.createColorProcessor(space, "linear");
-    if (!colors.processor)
+    if (!find_processor(config, space, colors))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: unknown colour space '%s'; choose with option colorspace from %s",
                          path, one_line(space).c_str(), color_spaces(config).c_str());
@@ -412,28 +433,9 @@ sgs_status open_photo(const char *path, const char *colorspace,
     return chosen || !is_exr ? chosen : choose_primaries(path, spec, colorspace, colors);
 }
 
-// Writes one row as [width][channels], colour premultiplied by alpha. `raw`: layout.read floats per
-// pixel.
-void arrange_row(const float *raw, int width, const Layout &layout, const Colors &colors,
-                 float *row)
+// Converts a row by OpenImageIO and premultiplies it.
+void convert_row(int width, const Layout &layout, const Colors &colors, float *row)
 {
-    const size_t channels = size_t(layout.channels);
-    for (size_t x = 0; x < size_t(width); ++x) {
-        const float *in = raw + x * size_t(layout.read);
-        float *out = row + x * channels;
-        for (size_t c = 0; c < channels; ++c)
-            out[c] = in[layout.source[c]];
-        if (layout.cmyk)
-            for (size_t c = 0; c < 3; ++c)
-                out[c] = (1 - in[c]) * (1 - in[3]);
-    }
-    for (size_t x = 0; colors.primaries && x < size_t(width); ++x) {
-        float *const out = row + x * channels;
-        const double r = double(out[0]), g = double(out[1]), b = double(out[2]);
-        for (size_t c = 0; c < 3; ++c)
-            out[c] =
-                float(colors.matrix[c][0] * r + colors.matrix[c][1] * g + colors.matrix[c][2] * b);
-    }
     if (colors.processor && layout.channels == 3)
         colors.processor->apply(row, width, 1, 3, sizeof(float), 3 * sizeof(float),
                                 OIIO::stride_t(size_t(width) * 3 * sizeof(float)));
@@ -451,6 +453,31 @@ void arrange_row(const float *raw, int width, const Layout &layout, const Colors
         for (size_t x = 0; x < size_t(width); ++x)
             for (size_t c = 0; c < 3; ++c)
                 row[4 * x + c] *= row[4 * x + 3];
+}
+
+// Writes one row as [width][channels], colour premultiplied by alpha. `raw`: layout.read floats per
+// pixel.
+void arrange_row(const float *raw, int width, const Layout &layout, const Colors &colors,
+                 float *row)
+{
+    const size_t channels = size_t(layout.channels);
+    for (size_t x = 0; x < size_t(width); ++x) {
+        const float *in = raw + x * size_t(layout.read);
+        float *out = row + x * channels;
+        for (size_t c = 0; c < channels; ++c)
+            out[c] = in[layout.source[c]];
+        if (layout.cmyk)
+            for (size_t c = 0; c < 3; ++c)
+                out[c] = (1 - in[c]) * (1 - in[3]);
+    }
+    convert_row(width, layout, colors, row);
+    for (size_t x = 0; colors.primaries && x < size_t(width); ++x) {
+        float *const out = row + x * channels;
+        const double r = double(out[0]), g = double(out[1]), b = double(out[2]);
+        for (size_t c = 0; c < 3; ++c)
+            out[c] =
+                float(colors.matrix[c][0] * r + colors.matrix[c][1] * g + colors.matrix[c][2] * b);
+    }
 }
 
 sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &layout,

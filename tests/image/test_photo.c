@@ -376,6 +376,51 @@ static void exr_primaries_become_rec709(void **state)
     temp_folder_remove(&folder);
 }
 
+// The working space has the primaries of ACES; a second configuration also has linear Rec. 709.
+static void spaces_of_ocio_become_rec709(void **state)
+{
+    (void)state;
+    static const char config[] =
+        "ocio_profile_version: 2\n"
+        "roles: {aces_interchange: AP0, scene_linear: ACEScg, default: ACEScg}\n"
+        "file_rules: [!<Rule> {name: Default, colorspace: default}]\n"
+        "displays: {d: [!<View> {name: v, colorspace: AP0}]}\n"
+        "colorspaces:\n"
+        "  - !<ColorSpace> {name: AP0}\n"
+        "  - !<ColorSpace>\n"
+        "    name: ACEScg\n"
+        "    to_scene_reference: !<MatrixTransform> {matrix: [0.695452241, 0.140678696, "
+        "0.163869062,"
+        " 0, 0.044794563, 0.859671118, 0.095534318, 0, -0.005525883, 0.00402521, 1.001500672, 0,"
+        " 0, 0, 0, 1]}\n";
+    static const char rec709[] =
+        "  - !<ColorSpace>\n"
+        "    name: Linear Rec.709 (sRGB)\n"
+        "    to_scene_reference: !<MatrixTransform> {matrix: [0.439632982, 0.382988698, 0.17737832,"
+        " 0, 0.089776443, 0.813439429, 0.096784128, 0, 0.01754117, 0.111546553, 0.870912276, 0,"
+        " 0, 0, 0, 1]}\n";
+    static const double expected[3][3] = {{1.705051, -0.621792, -0.083259},
+                                          {-0.130256, 1.140805, -0.010548},
+                                          {-0.024003, -0.128969, 1.152972}};
+    const temp_folder folder = temp_folder_make();
+    const float own[8] = {0.64f, 0.33f, 0.3f, 0.6f, 0.15f, 0.06f, 0.3127f, 0.329f};
+    for (int k = 0; k < 4; ++k) {
+        char text[2000];
+        snprintf(text, sizeof text, "%s%s", config, k & 2 ? rec709 : "");
+        file_put(temp_path(&folder, "config.ocio"), text, strlen(text));
+        setenv("OCIO", temp_path(&folder, "config.ocio"), 1);
+        float row[16];
+        put_unit_colors(&folder, "a.exr", k & 1, own);
+        assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "ACEScg", keep_row, row),
+                         SGS_STATUS_OK);
+        unsetenv("OCIO");
+        for (size_t i = 0; i < 9; ++i)
+            assert_true(
+                fabs((double)row[i % 3 * (k & 1 ? 4 : 3) + i / 3] - expected[i / 3][i % 3]) < 1e-4);
+    }
+    temp_folder_remove(&folder);
+}
+
 static void impossible_primaries_are_refused(void **state)
 {
     (void)state;
@@ -746,6 +791,7 @@ int main(void)
         cmocka_unit_test_setup(broken_files_are_reported_in_one_line, warnings_begin),
         cmocka_unit_test(exr_layers_are_found_by_name),
         cmocka_unit_test(exr_primaries_become_rec709),
+        cmocka_unit_test(spaces_of_ocio_become_rec709),
         cmocka_unit_test(impossible_primaries_are_refused),
         cmocka_unit_test(layers_before_the_colours_take_no_memory),
         cmocka_unit_test(tiles_larger_than_the_limit_are_refused),

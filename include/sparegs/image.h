@@ -122,7 +122,7 @@ typedef enum sgs_exr_compression {
     SGS_EXR_PIZ,  // wavelets: smaller for noisy images
     SGS_EXR_NONE,
     // Cosine transform of R, G, B, also of layers: much smaller, visually lossless. All other
-    // channels, also those named Y, are lossless.
+    // channels, also those named Y, are lossless. An image of one channel has ZIP instead.
     SGS_EXR_DWAA,
     SGS_EXR_COMPRESSION_COUNT
 } sgs_exr_compression;
@@ -134,8 +134,8 @@ typedef struct sgs_exr_info {
     const char *depth_definition;  // text attribute "sparegs:depthDefinition", or NULL
     const char *view_name;         // text attribute "sparegs:view", or NULL
     // fx, fy, cx, cy in pixels of a perspective camera, or NULL. Written as screenWindowWidth and
-    // screenWindowCenter and, for a film back 36 mm wide, as pinholeFocalLength and
-    // sensorOverallDimensions in mm.
+    // screenWindowCenter, as pixelAspectRatio fy / fx (1 if they differ by at most 1 %) and, for a
+    // film back 36 mm wide, as pinholeFocalLength and sensorOverallDimensions in mm.
     const double *intrinsics;
     bool is_latlong; // a latitude-longitude map of all directions: attribute envmap
     sgs_exr_compression compression;

@@ -5,6 +5,10 @@
 // support, requires even sizes, so odd sizes are padded. ffmpeg is started by argument vector,
 // never through a shell, and writes a temporary file that is renamed on success. Its messages go to
 // a temporary file; the last line is reported on failure.
+//
+// ffmpeg converts RGB by the matrix of BT.601 and does not record it, but players take unmarked HD
+// for BT.709. So the frames are converted to BT.709 and marked, where the format permits it: with
+// the matrix and the primaries of BT.709 and the curve of sRGB.
 
 #include "draw/video.h"
 
@@ -13,11 +17,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "cli/output.h"
 #include "cli/progress.h"
+
+#define EVEN_SIZE "pad=ceil(iw/2)*2:ceil(ih/2)*2"
 
 struct video {
     char *path, *temporary;
@@ -56,11 +63,27 @@ static char *temporary_path(const char *path)
                        dot ? dot : "");
 }
 
+// True if ffmpeg records the colour space in files of this format.
+static bool records_colors(const char *path)
+{
+    static const char *const extensions[] = {".mp4", ".m4v", ".mov", ".mkv", ".webm"};
+    const char *extension = strrchr(path, '.');
+    for (size_t k = 0; extension && k < sizeof extensions / sizeof *extensions; ++k)
+        if (!strcasecmp(extension, extensions[k]))
+            return true;
+    return false;
+}
+
 static void run_ffmpeg(const video *film, double fps, int input)
 {
     char size[32], rate[32];
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     snprintf(rate, sizeof rate, "%.6g", fps);
+    const bool marked = records_colors(film->path);
+    const char *filters =
+                   marked ? EVEN_SIZE ",scale=out_color_matrix=bt709:out_range=tv" : EVEN_SIZE,
+               *primaries = marked ? "bt709" : "unknown",
+               *curve = marked ? "iec61966-2-1" : "unknown";
     // The bytes of x264 depend on its threads, which are by default those of the machine.
     const char *const arguments[] = {"ffmpeg",
                                      "-hide_banner",
@@ -79,9 +102,15 @@ static void run_ffmpeg(const video *film, double fps, int input)
                                      "-i",
                                      "-",
                                      "-vf",
-                                     "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+                                     filters,
                                      "-pix_fmt",
                                      "yuv420p",
+                                     "-colorspace",
+                                     primaries,
+                                     "-color_primaries",
+                                     primaries,
+                                     "-color_trc",
+                                     curve,
                                      "-threads",
                                      "16",
                                      film->temporary,

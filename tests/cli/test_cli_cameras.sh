@@ -129,6 +129,18 @@ jq -r '.[2] | 36 * .fx / .width' "$temporary/level/cameras.json" >"$temporary/fo
 exrheader "$temporary/level/orbit_00002.exr" | sed -n 's/^pinholeFocalLength (type float): //p' >"$temporary/pinhole"
 check focal_length_in_mm awk 'NR == FNR { a = $1; next } { exit !(a > 1 && (a - $1) * (a - $1) < 1e-6 * a * a) }' "$temporary/focal" "$temporary/pinhole"
 check film_back_in_mm bash -c "exrheader '$temporary/level/orbit_00002.exr' | grep -qE '^sensorOverallDimensions .type v2f.: .36 2[34]'"
+# chan_omits_an_off_centre_principal_point
+jq '.[:3] | map(del(.camera_model, .params) | .cx = .width / 2 | .cy = .height / 2) | .[1].cx += 0.4 | .[2].cy += 0.6' \
+    "$model/cameras.json" >"$temporary/shifted.json"
+run 0 render "$model" --camera "$temporary/shifted.json" --frames 0 --aov rgba --save-cameras chan -o "$temporary/shifted"
+reports "cameras in chan have the principal point in the image centre; that of 1 camera(s) is moved by more than half a pixel"
+run 0 render "$model" --camera "$temporary/shifted.json" --frames 0 --aov rgba --save-cameras usda -o "$temporary/shifted"
+check usda_has_the_shift bash -c "! grep -q warning '$temporary/stderr'"
+# pixels of a 2:1 anamorphic lens are half as wide as high; calibrations of square ones differ slightly
+jq '.[:2] | map(del(.camera_model, .params) | .fy = .fx / 2) | .[1].fy = 1.005 * .[1].fx' "$model/cameras.json" >"$temporary/squeezed.json"
+run 0 render "$model" --camera "$temporary/squeezed.json" --size 40x30 --aov rgba --deep -o "$temporary/squeezed"
+exrheader "$temporary"/squeezed/*.exr | sed -n 's/^pixelAspectRatio (type float): //p' >"$temporary/pixel_aspects"
+check pixel_aspect test "$(tr '\n' ' ' <"$temporary/pixel_aspects")" = '0.5 0.5 1 1 '
 check usda_has_five_samples test "$(grep -c '^        [0-4]: ((' "$temporary/level/cameras.usda")" = 5
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --save-cameras chan -o "$temporary/around"
 one_line
@@ -373,6 +385,8 @@ prints "$temporary/film;x.mp4"
 check three_frames_of_bytes test "$(tr -d ' ' <"$temporary/film;x.mp4")" = $((3 * 33 * 20 * 3))
 check threads_of_the_encoder_are_fixed test "$(grep -xA1 -- -threads "$temporary/arguments" | tail -n 1)" = 16
 check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24 '$temporary/arguments'"
+check colours_of_bt709 bash -c "grep -q ',scale=out_color_matrix=bt709:out_range=tv$' '$temporary/arguments' &&
+    grep -xA1 -- -colorspace '$temporary/arguments' | grep -qx bt709"
 check no_leftover test "$(find "$temporary" -maxdepth 1 -name '.*' -type f | wc -l)" = 0
 run 0 render "$model" --camera "$temporary/path.json" --video "$temporary/path.mp4" -o "$temporary/both" --format png --aov rgba
 check rate_of_the_path grep -qx 12 "$temporary/arguments"
@@ -421,6 +435,8 @@ if command -v ffprobe >/dev/null; then # the real one, where it is
     run 0 render "$model" "$room" --orbit 3 --size 33x21 --video "$temporary/real.mp4"
     check a_video bash -c "ffprobe -v error -count_frames -show_entries stream=nb_read_frames,width,height -of csv '$temporary/real.mp4' |
         grep -q '34,22,3'"
+    check marked_colours test "$(ffprobe -v error -show_entries stream=color_range,color_space,color_transfer,color_primaries \
+        -of csv=p=0 "$temporary/real.mp4")" = tv,bt709,iec61966-2-1,bt709
 fi
 
 # a_view_name_that_denotes_several_views_is_refused

@@ -168,6 +168,22 @@ static void warn_distorted(const char *format, const camera_list *list)
     cameras_warn_distorted(format, count);
 }
 
+// .chan has no film offset.
+static void warn_off_centre(const camera_list *list)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < list->count; ++i) {
+        const sgs_camera *camera = &list->cameras[i].camera;
+        double fx, fy, cx, cy;
+        sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+        count += fabs(cx - 0.5 * camera->width) > 0.5 || fabs(cy - 0.5 * camera->height) > 0.5;
+    }
+    if (count)
+        print_warning("cameras in chan have the principal point in the image centre; that of %zu "
+                      "camera(s) is moved by more than half a pixel",
+                      count);
+}
+
 static bool are_perspective(const char *folder, const camera_list *list)
 {
     for (size_t i = 0; i < list->count; ++i)
@@ -196,6 +212,8 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
         char *path = format_text("%s/cameras.%s", folder, name);
         if (format != CAMERAS_JSON)
             warn_distorted(name, list);
+        if (format == CAMERAS_CHAN)
+            warn_off_centre(list);
         done = format == CAMERAS_JSON
                    ? write_cameras_json(path, list)
                    : write_with(path, list, fps, format == CAMERAS_CHAN ? write_chan : write_usda);

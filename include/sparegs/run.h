@@ -23,7 +23,7 @@ typedef struct sgs_run_settings {
     int iteration;       // of the newest model
     sgs_filter filter;   // for sgs_render_options
     double compact_box;  // for sgs_render_options
-    float background[3]; // display values; 0 if training used a random background
+    float background[3]; // in the space of the model; 0 if training used a random background
 } sgs_run_settings;
 
 // Reads the newest model and config.json of a run. Without config.json the settings are the

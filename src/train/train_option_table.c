@@ -108,7 +108,8 @@ static const sgs_train_option table[] = {
      .low = 0,
      .high = 1,
      .values = "R,G,B|random",
-     .help = "background colour, display values from 0 to 1, or a random colour in each iteration",
+     .help = "background colour, from 0 to 1 in the space of the model (display values, or linear "
+             "light), or a random colour in each iteration",
      .group = training,
      ALL_PIPELINES},
     {.name = "max_gaussians",

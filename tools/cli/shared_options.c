@@ -378,7 +378,8 @@ static const option drawing_options[] = {
      .argument = "R,G,B",
      .initial = "0,0,0",
      .shown = "as trained, else 0,0,0",
-     .help = "background colour, display values from 0 to 1"},
+     .help = "background colour, from 0 to 1 in the space of the model: display values, or linear "
+             "light after training in linear space"},
     {.name = "near",
      .kind = OPTION_REAL,
      .offset = offsetof(drawing_values, near_distance),

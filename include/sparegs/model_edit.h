@@ -55,7 +55,7 @@ typedef enum sgs_comparison {
 SGS_API sgs_status sgs_select_value(const sgs_gaussians *model, const char *property,
                                     sgs_comparison comparison, double value, unsigned char *keep);
 
-// All finite and >= 0. Typical: voxel 0, opacity 0.1, share 0.01.
+// All finite and >= 0. Unlike other structs of options it has no struct_size.
 typedef struct sgs_floater_options {
     double voxel;   // world units; 0: four times the median distance to the third nearest neighbour
     double opacity; // fainter primitives neither occupy voxels nor count
@@ -64,8 +64,9 @@ typedef struct sgs_floater_options {
 
 // Rejects floaters. Voxels that contain the centre of a primitive of at least the given opacity are
 // occupied; occupied voxels that touch (26 neighbours) form components. Rejected are all primitives
-// in a component that holds a smaller share of the counted ones, or in no occupied voxel. Fails
-// with OUT_OF_MEMORY, LIMIT or INVALID_ARGUMENT (options).
+// in a component that holds a smaller share of the counted ones, or in no occupied voxel. options
+// NULL = voxel 0, opacity 0.1, share 0.01. Fails with OUT_OF_MEMORY, LIMIT or INVALID_ARGUMENT
+// (options).
 SGS_API sgs_status sgs_select_connected(const sgs_gaussians *model,
                                         const sgs_floater_options *options, unsigned char *keep);
 

@@ -107,9 +107,11 @@ typedef struct sgs_model_write_options {
     int palette_iterations;  // of k-means for the palette, >= 1
     int lod_levels;          // of a LOD SOG, 1 to 16; each has half the primitives of the previous
     const float *importance; // [count] for the levels of a LOD SOG; NULL: opacity times volume
-    const sgs_model_camera *cameras; // for OpenUSD and HTML; or NULL
+    const sgs_model_camera *cameras; // [camera_count] for OpenUSD and HTML; or NULL
     size_t camera_count;
-    sgs_progress_fn progress; // or NULL
+    // Called while the palettes of SOG, LOD SOG and HTML are computed, or NULL. The other formats
+    // are written without calls.
+    sgs_progress_fn progress;
     void *progress_user;
     // Recorded if the format has a mark and they are linear or the white point is known; `named` is
     // ignored.
@@ -133,8 +135,10 @@ typedef struct sgs_model_written {
 } sgs_model_written;
 
 // Writes the format that the name requests, atomically per file. options and written may be NULL.
-// Fails with UNSUPPORTED (name), INVALID_ARGUMENT, LIMIT (too many primitives for the format), IO,
-// OUT_OF_MEMORY or CANCELLED; an existing file is then unchanged.
+// PLY stores every value; the other formats refuse a parameter that is not finite, except an
+// infinite logit of the opacity, and all but the two kinds of PLY an empty model. Fails with
+// UNSUPPORTED (name), INVALID_ARGUMENT (options, model), LIMIT (too many primitives for the
+// format), IO, OUT_OF_MEMORY or CANCELLED; an existing file is then unchanged.
 SGS_API sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
                                    const sgs_model_write_options *options,
                                    sgs_model_written *written);

@@ -7,6 +7,8 @@
 // the command line all derive from this table; other programs can build their own interface from
 // it.
 //
+// options NULL = the defaults.
+//
 // Threads: all functions may be called from any thread at any time.
 
 #include <stddef.h>
@@ -75,8 +77,8 @@ SGS_API bool sgs_train_option_may_change(const sgs_train_option *option,
 
 // Writes the value that `options` has as text, at most `bytes` with the terminator: "30000", "mip",
 // "bmd,rap" ("off" for an empty set), "true", "0.05" (the shortest decimal that reads back to the
-// same double), "0,0.5,1" or "random", "model" or "none", the bounds of a box
-// "x0,y0,z0,x1,y1,z1" with "-inf" and "inf", or "none". Returns the length without truncation.
+// same double; a point in any locale), "0,0.5,1" or "random", "model" or "none", the bounds of a
+// box "x0,y0,z0,x1,y1,z1" with "-inf" and "inf", or "none". Returns the length without truncation.
 // Cannot fail.
 SGS_API size_t sgs_train_option_text(const sgs_train_option *option,
                                      const sgs_train_options *options, char *text, size_t bytes);

@@ -199,7 +199,8 @@ SGS_API void sgs_scene_destroy(sgs_scene *scene);
 
 // The photograph of view `index`, decoded if it is not in memory. Owned by the scene; valid until
 // the next call for this scene; one thread at a time. Fails like sgs_scene_load if the file was
-// removed or changed.
+// removed or changed, and with INVALID_ARGUMENT for an index that is out of range; *photo is then
+// NULL.
 SGS_API sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo);
 
 // Decodes the photograph of view `index` for the caller, area-averaged to width x height pixels, at

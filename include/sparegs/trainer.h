@@ -202,7 +202,8 @@ typedef struct sgs_train_options {
 SGS_API sgs_train_options sgs_train_options_default(void);
 // Number of random points with which a run of the scene begins, before max_gaussians: random_points
 // or, if that is 0, 100 000 with SGS_SCHEDULE_PAPER and in the cube of NeRF synthetic scenes, else
-// 10 000. 0 if the scene has points, or with init.
+// 10 000. 0 if the scene has points, or with init. options NULL = the defaults; 0 for options of an
+// unknown size.
 SGS_API size_t sgs_train_random_points(const sgs_scene *scene, const sgs_train_options *options);
 
 // Weight of alpha_loss that the program uses with `opaque`.
@@ -284,8 +285,8 @@ typedef struct sgs_trainer sgs_trainer;
 
 // Estimate of the memory, in bytes, of a training of this scene with `gaussians` primitives; it
 // includes photographs and the program itself and is not a bound. The scene's images need not be
-// loaded. image_cache as in sgs_scene_options, 0 = all photographs in memory. Returns 0 for options
-// of an unknown size; cannot fail otherwise.
+// loaded. image_cache as in sgs_scene_options, 0 = all photographs in memory. options NULL = the
+// defaults. Returns 0 for options of an unknown size; cannot fail otherwise.
 SGS_API size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
                                 size_t image_cache, size_t gaussians);
 // The same for each of several ranks that share the primitives (sgs_trainer_ranks_set), including

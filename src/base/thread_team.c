@@ -8,6 +8,7 @@
 
 #include "base/thread_team.h"
 
+#include <dlfcn.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdalign.h>
@@ -195,8 +196,18 @@ static void forget_team(void)
     inside = false;
 }
 
+// Members and the destructor of the key run this code until their threads end. A program may unload
+// the plug-in or the library that contains it before that; this keeps it in memory.
+static void keep_loaded(void)
+{
+    Dl_info self;
+    if (dladdr(&own_key, &self) && self.dli_fname)
+        dlopen(self.dli_fname, RTLD_LAZY | RTLD_NOLOAD | RTLD_NODELETE);
+}
+
 static void make_own_key(void)
 {
+    keep_loaded();
     own_key_made =
         !pthread_key_create(&own_key, end_own_team) && !pthread_atfork(NULL, NULL, forget_team);
 }

@@ -7,6 +7,7 @@
 
 #include "sparegs/model_file.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -15,6 +16,7 @@
 #include "base/core.h"
 #include "formats/color_marks.h"
 #include "formats/model_format.h"
+#include "formats/model_rows.h"
 #include "formats/sog.h"
 
 enum { PROBE_BYTES = 8192 };
@@ -258,9 +260,27 @@ static sgs_status check_write_options(const char *path, const sgs_model_write_op
         wrong = "palette_iterations is not positive";
     else if (options->lod_levels < 1 || options->lod_levels > 16)
         wrong = "lod_levels is not within 1 to 16";
+    else if (options->camera_count && !options->cameras)
+        wrong = "camera_count is not 0, but cameras is NULL";
     else
         wrong = sgsi_colors_wrong(&options->colors);
     return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %s", path, wrong) : SGS_STATUS_OK;
+}
+
+// An infinite logit of the opacity is valid. Formats with ranges per chunk or per file would lose
+// other primitives, and many viewers the whole file.
+static sgs_status check_values(const char *path, const sgs_gaussians *model)
+{
+    const int used = SGS_PARAM_SH_REST + 3 * sgsi_rest_coefficients(model->sh_degree);
+    for (size_t i = 0; i < model->count; ++i)
+        for (int k = 0; k < used; ++k) {
+            const float value = *sgs_gaussians_at(model, i, k);
+            if (!isfinite(value) && (k != SGS_PARAM_OPACITY || isnan(value)))
+                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                                 "%s: primitive %zu has a parameter that is not finite; remove it",
+                                 path, i);
+        }
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
@@ -277,6 +297,8 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
                            readable_names);
     if (!status)
         status = check_write_options(path, &own);
+    if (!status && format != SGS_MODEL_PLY) // whose values are stored as they are
+        status = check_values(path, model);
     if (!status)
         status = table[format].write(path, model, &own, &result);
     if (status && status != SGS_STATUS_CANCELLED && !error_names(path))

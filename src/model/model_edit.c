@@ -382,14 +382,21 @@ static sgs_status fill_grid(const sgs_gaussians *model, const sgs_floater_option
     return status;
 }
 
+static bool is_amount(double value)
+{
+    return value >= 0.0 && isfinite(value);
+}
+
 sgs_status sgs_select_connected(const sgs_gaussians *model, const sgs_floater_options *options,
                                 unsigned char *keep)
 {
+    static const sgs_floater_options typical = {.voxel = 0.0, .opacity = 0.1, .share = 0.01};
     voxel_grid grid = {0};
-    if (!(options->voxel >= 0.0) || !(options->opacity >= 0.0) || !(options->share >= 0.0) ||
-        !isfinite(options->voxel))
+    options = options ? options : &typical;
+    if (!is_amount(options->voxel) || !is_amount(options->opacity) || !is_amount(options->share))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "voxel size, opacity and share of floaters must not be negative");
+                         "voxel size, opacity and share of floaters must be finite and not "
+                         "negative");
     const sgs_status status = fill_grid(model, options, &grid);
     if (!status) {
         join_voxels(&grid);

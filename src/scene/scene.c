@@ -762,20 +762,21 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     sgs_scene_options own = sgs_scene_options_default();
     loader l = {.options = &own};
     *scene = NULL;
-    const sgs_status read = sgsi_options_read(options, "sgs_scene_options", &own, sizeof own);
-    if (read)
-        return read;
-    if (!path || !*path)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "scene path is missing");
-    if (l.options->downscale < 0 || l.options->test_every < 0)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: downscale %d or test_every %d is negative", path,
-                         l.options->downscale, l.options->test_every);
+    sgs_status status = sgsi_options_read(options, "sgs_scene_options", &own, sizeof own);
+    if (!status && (!path || !*path))
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "scene path is missing");
+    if (!status)
+        status = sgsi_scene_options_check(path, &own);
+    if (!status && own.cameras_only && own.load_images)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                           "%s: option cameras_only requires load_images false", path);
+    if (status)
+        return status;
     sgsi_progress_begin(&l.progress, own.progress, own.progress_user, 0);
     l.scene = sgsi_calloc(1, sizeof *l.scene);
     if (l.scene)
         l.scene->path = sgsi_strdup(path);
-    sgs_status status = l.scene && l.scene->path ? load(&l) : sgsi_scene_no_memory(path);
+    status = l.scene && l.scene->path ? load(&l) : sgsi_scene_no_memory(path);
     for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
         sgsi_free(l.slots[i].error);
     sgsi_free(l.slots);

@@ -209,7 +209,13 @@ static sgs_status measure_white_point(creator *c)
 
 // ---- Checks ----
 
-static bool is_rotation(const double r[9])
+static double determinant(const double r[9])
+{
+    return r[0] * (r[4] * r[8] - r[5] * r[7]) + r[1] * (r[5] * r[6] - r[3] * r[8]) +
+           r[2] * (r[3] * r[7] - r[4] * r[6]);
+}
+
+static bool is_orthonormal(const double r[9])
 {
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) {
@@ -233,11 +239,18 @@ static sgs_status check_source(const entry *e)
     if (sgs_camera_validate(&s->camera))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "view '%s': camera: %s", e->name,
                          sgs_last_error());
-    if (!is_rotation(s->pose.rotation))
+    if (!is_orthonormal(s->pose.rotation))
         wrong = "pose.rotation is not orthonormal";
+    else if (determinant(s->pose.rotation) < 0)
+        wrong = "pose.rotation is mirrored; convert left-handed cameras to x right, y down, z "
+                "forward";
     for (int k = 0; k < 3; ++k)
         if (!isfinite(s->pose.translation[k]))
             wrong = "pose.translation is not finite";
+    double center[3];
+    sgs_pose_center(&s->pose, center);
+    if (!wrong && !(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
+        wrong = "camera position is out of range";
     if (s->split != SGS_SPLIT_TRAIN && s->split != SGS_SPLIT_TEST)
         wrong = "split is neither SGS_SPLIT_TRAIN nor SGS_SPLIT_TEST";
     if (s->pixels && (unsigned)s->pixel_type > SGS_PIXEL_FLOAT)
@@ -409,11 +422,10 @@ sgs_status sgs_scene_create(const sgs_view_source *views, size_t view_count, con
     *scene = NULL;
     sgs_status status =
         sgsi_options_read(options, "sgs_scene_options", &c.options, sizeof c.options);
+    if (!status)
+        status = sgsi_scene_options_check(path, &c.options);
     if (status)
         return status;
-    if (c.options.test_every < 0)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "test_every is %d, below 0",
-                         c.options.test_every);
     c.scene = sgsi_calloc(1, sizeof *c.scene);
     if (!c.scene)
         return sgsi_scene_no_memory(path);

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Train/test split, lookup of views by name, and the extent of the scene: 1.1 times the largest
-// distance of a training camera from their mean, as in 3DGS.
+// Options, train/test split, lookup of views by name, and the extent of the scene: 1.1 times the
+// largest distance of a training camera from their mean, as in 3DGS.
 
 #include "scene/scene_split.h"
 
@@ -146,6 +146,26 @@ static void split_by_record(sgs_scene *scene, const sgs_scene_options *options)
             if (!strcmp(scene->views[i].name, options->held_out[k]))
                 scene->views[i].split = SGS_SPLIT_TEST;
     }
+}
+
+sgs_status sgsi_scene_options_check(const char *path, const sgs_scene_options *options)
+{
+    const sgs_scene_options *o = options;
+    const char *wrong = NULL;
+    if (o->downscale < 0)
+        wrong = "downscale is negative";
+    else if (o->test_every < 0)
+        wrong = "test_every is negative";
+    else if ((unsigned)o->alpha > SGS_ALPHA_IGNORE)
+        wrong = "alpha is unknown";
+    else if ((unsigned)o->space > SGS_SPACE_LINEAR)
+        wrong = "space is unknown";
+    else if (!(o->white_point >= 0 && isfinite(o->white_point)))
+        wrong = "white_point is negative or not finite";
+    else if (o->view_width < 0 || o->view_height < 0)
+        wrong = "view_width or view_height is negative";
+    return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: option %s", path, wrong)
+                 : SGS_STATUS_OK;
 }
 
 sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, bool has_split)

@@ -2,12 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Train/test split, extent and plausibility of the cameras of a scene. Used by scene.c during
-// loading.
+// Options, train/test split, extent and plausibility of the cameras of a scene. Used while a scene
+// is loaded or created.
 
 #include <stdbool.h>
 
 #include "sparegs/scene.h"
+
+// Fails with INVALID_ARGUMENT for values out of range; the error names the field.
+sgs_status sgsi_scene_options_check(const char *path, const sgs_scene_options *options);
 
 // Sets the split of each view: by options->held_out, else by the names in options->test_images,
 // else by the data set's own split (has_split: already set in the views), else every

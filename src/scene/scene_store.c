@@ -50,6 +50,9 @@ sgsi_photo_cache *sgsi_scene_store_cache(const sgs_scene_store *store)
 
 sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo)
 {
+    *photo = NULL;
+    if (index >= scene->view_count)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has no view %zu", scene->path, index);
     if (scene->store)
         return sgsi_photo_cache_get(scene->store->cache, index, photo);
     *photo = &scene->views[index].image;
@@ -83,6 +86,6 @@ sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, int width,
 
 void sgs_scene_prefetch(const sgs_scene *scene, size_t index)
 {
-    if (scene->store)
+    if (scene->store && index < scene->view_count)
         sgsi_photo_cache_prefetch(scene->store->cache, index);
 }

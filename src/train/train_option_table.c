@@ -563,18 +563,6 @@ const sgs_train_option *sgs_train_option_find(const char *name)
     return NULL;
 }
 
-bool sgs_train_option_is_read(const sgs_train_option *option, const sgs_train_options *options)
-{
-    return !option->spare || (option->spare & options->spare);
-}
-
-bool sgs_train_option_may_change(const sgs_train_option *option, const sgs_train_options *options)
-{
-    return option->resume == SGS_RESUME_FREE ||
-           (option->resume == SGS_RESUME_FREE_PAPER && options->schedule == SGS_SCHEDULE_PAPER) ||
-           !sgs_train_option_is_read(option, options);
-}
-
 // An enumeration has the representation of unsigned int (gcc, clang) or int (C++ with a fixed
 // type); both agree on its values.
 _Static_assert(sizeof(sgs_pipeline) == sizeof(int), "options read enumerations as int");

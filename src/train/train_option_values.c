@@ -10,7 +10,17 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/plain_numbers.h"
 #include "density/pipeline.h"
+
+// A caller's options, which may be those of an earlier header or NULL; the defaults if their size
+// is unknown.
+static sgs_train_options whole_options(const sgs_train_options *given)
+{
+    sgs_train_options own = sgs_train_options_default();
+    (void)sgsi_options_read(given, "sgs_train_options", &own, sizeof own);
+    return own;
+}
 
 // ---- ranges ----
 
@@ -158,8 +168,8 @@ static size_t put_box(char *text, size_t bytes, const sgs_box *box)
                             (double)high[2]);
 }
 
-size_t sgs_train_option_text(const sgs_train_option *option, const sgs_train_options *options,
-                             char *text, size_t bytes)
+static size_t put_value(char *text, size_t bytes, const sgs_train_option *option,
+                        const sgs_train_options *options)
 {
     const void *field = (const char *)options + option->offset;
     switch (option->type) {
@@ -190,4 +200,30 @@ size_t sgs_train_option_text(const sgs_train_option *option, const sgs_train_opt
         return (size_t)snprintf(text, bytes, "%s", *(const void *const *)field ? "model" : "none");
     }
     return 0;
+}
+
+// Checkpoints hold these texts, so they do not depend on the locale of the calling program.
+size_t sgs_train_option_text(const sgs_train_option *option, const sgs_train_options *options,
+                             char *text, size_t bytes)
+{
+    const sgs_train_options whole = whole_options(options);
+    const sgsi_plain_numbers plain = sgsi_plain_numbers_begin();
+    const size_t length = put_value(text, bytes, option, &whole);
+    sgsi_plain_numbers_end(&plain);
+    return length;
+}
+
+// ---- resuming ----
+
+bool sgs_train_option_is_read(const sgs_train_option *option, const sgs_train_options *options)
+{
+    return !option->spare || (option->spare & whole_options(options).spare);
+}
+
+bool sgs_train_option_may_change(const sgs_train_option *option, const sgs_train_options *options)
+{
+    const sgs_train_options whole = whole_options(options);
+    return option->resume == SGS_RESUME_FREE ||
+           (option->resume == SGS_RESUME_FREE_PAPER && whole.schedule == SGS_SCHEDULE_PAPER) ||
+           !sgs_train_option_is_read(option, &whole);
 }

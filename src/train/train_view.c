@@ -40,6 +40,14 @@ static bool is_training_view(const sgs_view *view)
     return view->split == SGS_SPLIT_TRAIN && view->image.width;
 }
 
+static bool has_training_view(const sgs_scene *scene)
+{
+    bool found = false;
+    for (size_t i = 0; i < scene->view_count && !found; ++i)
+        found = scene->views[i].split == SGS_SPLIT_TRAIN;
+    return found;
+}
+
 // The views of the scene that take part, and the size of the largest.
 static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
 {
@@ -105,7 +113,11 @@ sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_optio
                                 .rebuild = true};
     sgs_status status = add_views(views, &width, &height);
     if (!status && !views->count)
-        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no training views; hold out fewer",
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                           has_training_view(scene)
+                               ? "%s: the training views have no photographs; load the scene with "
+                                 "option load_images, or set the pixels of its views"
+                               : "%s: no training views; hold out fewer",
                            scene->path);
     if (!status)
         status = create_workspaces(views, width, height, 8);

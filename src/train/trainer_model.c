@@ -24,12 +24,14 @@ enum { PUBLISHED_POINTS = 100000, FEW_POINTS = 10000 };
 
 size_t sgs_train_random_points(const sgs_scene *scene, const sgs_train_options *options)
 {
-    if (scene->point_count || options->init)
+    sgs_train_options own = sgs_train_options_default();
+    if (sgsi_options_read(options, "sgs_train_options", &own, sizeof own) || scene->point_count ||
+        own.init)
         return 0;
-    if (options->random_points)
-        return options->random_points;
-    return scene->white_background || options->schedule == SGS_SCHEDULE_PAPER ? PUBLISHED_POINTS
-                                                                              : FEW_POINTS;
+    if (own.random_points)
+        return own.random_points;
+    return scene->white_background || own.schedule == SGS_SCHEDULE_PAPER ? PUBLISHED_POINTS
+                                                                         : FEW_POINTS;
 }
 
 // Random cloud: in the cube around the origin for NeRF synthetic scenes, around the cameras

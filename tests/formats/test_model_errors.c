@@ -713,7 +713,7 @@ static void unknown_files_are_refused(void **state)
     assert_int_equal(sgs_model_write(temp_path(&folder, "b.spz"), model, &write, NULL),
                      SGS_STATUS_INVALID_ARGUMENT);
     assert_int_equal(sgs_gaussians_resize(model, 0), SGS_STATUS_OK);
-    static const char *const names[] = {"b.spz", "b.ksplat", "b.sog", "b.glb"};
+    static const char *const names[] = {"b.spz", "b.ksplat", "b.sog", "b.glb", "b.splat", "b.usda"};
     for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
         assert_int_equal(sgs_model_write(temp_path(&folder, names[k]), model, NULL, NULL),
                          SGS_STATUS_INVALID_ARGUMENT);

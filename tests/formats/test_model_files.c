@@ -12,9 +12,8 @@
 
 #include <cmocka.h>
 
-#include <locale.h>
-
 #include "support/files_support.h"
+#include "support/locale_support.h"
 #include "support/model_support.h"
 #include "support/scene_support.h"
 #include "sparegs/model_file.h"
@@ -296,17 +295,61 @@ static void usda_is_written_in_any_language(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model = model_random(3, 1), *back;
-    // With a decimal comma, where such a locale is installed.
-    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8"))
-        setlocale(LC_NUMERIC, "fr_FR.UTF-8");
+    decimal_comma_set();
     const sgs_status status = sgs_model_write(temp_path(&folder, "a.usda"), model, NULL, NULL);
-    setlocale(LC_NUMERIC, "C");
+    decimal_comma_unset();
     assert_int_equal(status, SGS_STATUS_OK);
     if (sgs_model_read(temp_path(&folder, "a.usda"), NULL, &back, NULL))
         fail_msg("%s", sgs_last_error());
     for (size_t i = 0; i < 3; ++i)
         for (int k = 0; k < 3; ++k)
             assert_true(model_value(back, i, k) == model_value(model, i, k));
+    sgs_gaussians_destroy(back);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void refuses(const char *path, const sgs_gaussians *model,
+                    const sgs_model_write_options *options, const char *words)
+{
+    assert_int_equal(sgs_model_write(path, model, options, NULL), SGS_STATUS_INVALID_ARGUMENT);
+    assert_holds(sgs_last_error(), words);
+    assert_int_equal(access(path, F_OK), -1);
+}
+
+// One value that is not finite would take other primitives of a chunk or the whole file with it.
+static void only_ply_holds_values_that_are_not_finite(void **state)
+{
+    (void)state;
+    static const char *const names[] = {
+        "a.compressed.ply", "a.splat", "a.spz", "a.ksplat", "a.glb", "a.sog", "a.usda", "a.html"};
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(20, 1), *back;
+    const sgs_model_camera *const no_cameras = NULL;
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.cameras = no_cameras;
+    options.camera_count = 2;
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        const char *path = temp_path(&folder, names[k]);
+        static const int params[] = {SGS_PARAM_MEAN, SGS_PARAM_SCALE, SGS_PARAM_OPACITY,
+                                     SGS_PARAM_SH_REST + 8};
+        for (size_t p = 0; p < 4; ++p) {
+            float *value = sgs_gaussians_at(model, 7, params[p]);
+            const float before = *value;
+            *value = NAN;
+            refuses(path, model, NULL, "primitive 7 has a parameter that is not finite");
+            *value = before;
+        }
+        refuses(path, model, &options, "cameras is NULL");
+        *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = INFINITY; // opaque
+        assert_int_equal(sgs_model_write(path, model, NULL, NULL), SGS_STATUS_OK);
+        unlink(path);
+    }
+    *sgs_gaussians_at(model, 7, SGS_PARAM_MEAN) = NAN;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "a.ply"), model, NULL, NULL),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_model_read(temp_path(&folder, "a.ply"), NULL, &back, NULL), SGS_STATUS_OK);
+    assert_int_equal(back->count, 19);
     sgs_gaussians_destroy(back);
     sgs_gaussians_destroy(model);
     temp_folder_remove(&folder);
@@ -550,6 +593,7 @@ int main(void)
         cmocka_unit_test(a_sog_folder_is_replaced_as_a_whole),
         cmocka_unit_test(levels_of_detail_are_replaced_as_a_whole),
         cmocka_unit_test(names_and_contents_select_formats),
+        cmocka_unit_test(only_ply_holds_values_that_are_not_finite),
         cmocka_unit_test(omitted_sh_are_reported),
         cmocka_unit_test(colors_are_recorded),
         cmocka_unit_test(glb_fallback_colors_are_linear),

@@ -15,11 +15,11 @@
 
 #include <cmocka.h>
 
-#include <locale.h>
 #include <math.h>
 
 #include "base/core.h"
 #include "support/files_support.h"
+#include "support/locale_support.h"
 #include "sparegs/gaussians.h"
 #include "sparegs/render.h"
 
@@ -341,9 +341,7 @@ static void ply_reads_text_in_any_language(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    // With a decimal comma, where such a locale is installed.
-    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8"))
-        setlocale(LC_NUMERIC, "fr_FR.UTF-8");
+    decimal_comma_set();
     sgs_gaussians *model = read_text(
         &folder, 1, "1.5 -2e-3 +3\n\n4 5 -6\t.25 1 1 1 \r\n1 0 0 0"); // no final line feed
     static const float expected[] = {1.5f, -2e-3f, 3, 1, 0, 0, 0, 1, 1, 1, 0.25f, 4, 5, -6};
@@ -351,7 +349,7 @@ static void ply_reads_text_in_any_language(void **state)
         assert_true(*sgs_gaussians_at(model, 0, k) == expected[k]);
     assert_int_equal(model->sh_degree, 0);
     sgs_gaussians_destroy(model);
-    setlocale(LC_NUMERIC, "C");
+    decimal_comma_unset();
     temp_folder_remove(&folder);
 }
 

@@ -346,6 +346,32 @@ static void floaters_are_found_beside_far_primitives(void **state)
         }
 }
 
+static void floater_options_have_defaults_and_limits(void **state)
+{
+    (void)state;
+    float points[3 * 202];
+    for (size_t i = 0; i < 202; ++i) {
+        const float at[3] = {(float)(i % 10), (float)(i / 10), i < 200 ? 0.0f : 1000.0f};
+        memcpy(points + 3 * i, at, sizeof at);
+    }
+    sgs_gaussians *model = points_model(points, 202);
+    unsigned char expected[202], keep[202];
+    memset(expected, 1, sizeof expected);
+    memset(keep, 1, sizeof keep);
+    const sgs_floater_options typical = {0, 0.1, 0.01};
+    assert_int_equal(sgs_select_connected(model, &typical, expected), SGS_STATUS_OK);
+    assert_int_equal(sgs_select_connected(model, NULL, keep), SGS_STATUS_OK);
+    assert_memory_equal(keep, expected, sizeof keep);
+    assert_true(keep[0] && !keep[200] && !keep[201]);
+    for (int k = 0; k < 9; ++k) {
+        const double wrong = k < 3 ? NAN : k < 6 ? INFINITY : -1;
+        const sgs_floater_options options = {k % 3 == 0 ? wrong : 0, k % 3 == 1 ? wrong : 0.1,
+                                             k % 3 == 2 ? wrong : 0.01};
+        assert_int_equal(sgs_select_connected(model, &options, keep), SGS_STATUS_INVALID_ARGUMENT);
+    }
+    sgs_gaussians_destroy(model);
+}
+
 static void few_or_coincident_primitives_are_one_component(void **state)
 {
     (void)state;
@@ -373,6 +399,7 @@ int main(void)
         cmocka_unit_test(values_are_compared_as_named),
         cmocka_unit_test(floaters_are_small_components),
         cmocka_unit_test(floaters_are_found_beside_far_primitives),
+        cmocka_unit_test(floater_options_have_defaults_and_limits),
         cmocka_unit_test(few_or_coincident_primitives_are_one_component),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

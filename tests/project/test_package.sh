@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # package_is_usable: installs into a temporary folder, then builds and runs the consumer project against it with
-# find_package and with pkg-config. Absolute folders in sparegs.pc and in the run path.
+# find_package and with pkg-config, also as a plug-in. Absolute folders in sparegs.pc and in the run path.
 set -euo pipefail
 
 temporary=$(mktemp -d)
@@ -24,6 +24,9 @@ build_consumer() {
 build_consumer >"$temporary/log" 2>&1 || { cat "$temporary/log"; exit 1; }
 "$temporary/build/consumer_c"
 "$temporary/build/consumer_cpp"
+
+# a_plug_in_may_be_unloaded_while_threads_remain
+"$temporary/build/plugin_host" "$temporary/build/plugin.so" || { echo "FAIL: unloading a plug-in"; exit 1; }
 
 export PKG_CONFIG_PATH
 PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name sparegs.pc)")

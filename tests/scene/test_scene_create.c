@@ -276,6 +276,12 @@ static void bad_input_is_named(void **state)
     bad = good;
     bad.pose.translation[2] = INFINITY;
     refused(&bad, 1, NULL, 0, "pose.translation");
+    bad.pose.translation[2] = 1e15;
+    refused(&bad, 1, NULL, 0, "view 'view_000000': camera position is out of range");
+    bad = good;
+    for (int k = 3; k < 6; ++k) // an image with y up
+        bad.pose.rotation[k] = -bad.pose.rotation[k];
+    refused(&bad, 1, NULL, 0, "pose.rotation is mirrored");
     bad = good;
     bad.channels = 2;
     refused(&bad, 1, NULL, 0, "channels");
@@ -303,6 +309,57 @@ static void bad_input_is_named(void **state)
                      SGS_STATUS_INVALID_ARGUMENT);
     assert_int_equal(sgs_scene_load(room, &options, &scene), SGS_STATUS_INVALID_ARGUMENT);
     assert_non_null(strstr(sgs_last_error(), "sgs_scene_options.struct_size"));
+}
+
+static void options_out_of_range_are_refused(void **state)
+{
+    (void)state;
+    static const uint8_t pixels[H * W * 3];
+    const sgs_view_source good = small_source(3, SGS_PIXEL_UINT8, pixels);
+    const sgs_scene_options initial = sgs_scene_options_default();
+    sgs_scene_options cases[9];
+    for (int k = 0; k < 9; ++k)
+        cases[k] = initial;
+    cases[0].white_point = NAN;
+    cases[1].white_point = INFINITY;
+    cases[2].white_point = -1;
+    cases[3].alpha = (sgs_alpha)3;
+    cases[4].alpha = (sgs_alpha)-1;
+    cases[5].space = (sgs_space)2;
+    cases[6].test_every = -1;
+    cases[7].view_height = -1;
+    cases[8].cameras_only = true; // with load_images
+    for (int k = 0; k < 9; ++k) {
+        static const char *const names[] = {"white_point", "white_point", "white_point",
+                                            "alpha",       "alpha",       "space",
+                                            "test_every",  "view_height", "cameras_only"};
+        sgs_scene *scene = NULL;
+        if (k < 8) {
+            assert_int_equal(sgs_scene_create(&good, 1, NULL, NULL, 0, &cases[k], &scene),
+                             SGS_STATUS_INVALID_ARGUMENT);
+            assert_non_null(strstr(sgs_last_error(), names[k]));
+        }
+        assert_int_equal(sgs_scene_load(room, &cases[k], &scene), SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(sgs_last_error(), names[k]));
+        assert_null(scene);
+    }
+}
+
+// The view exists, but training requires its photograph.
+static void views_without_photographs_are_not_trained(void **state)
+{
+    (void)state;
+    const sgs_view_source source = small_source(3, SGS_PIXEL_UINT8, NULL);
+    sgs_scene *scene = make(&source, NULL);
+    sgs_trainer *trainer;
+    assert_int_equal(sgs_trainer_create(scene, NULL, &trainer), SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "the training views have no photographs"));
+    const sgs_photo *photo;
+    assert_int_equal(sgs_scene_photo(scene, 0, &photo), SGS_STATUS_OK);
+    assert_int_equal(photo->width, 0);
+    assert_int_equal(sgs_scene_photo(scene, 1, &photo), SGS_STATUS_INVALID_ARGUMENT);
+    assert_null(photo);
+    sgs_scene_destroy(scene);
 }
 
 // ---- Progress ----
@@ -365,6 +422,8 @@ int main(void)
         cmocka_unit_test(halves_keep_their_value),
         cmocka_unit_test(masks_define_the_valid_pixels),
         cmocka_unit_test(bad_input_is_named),
+        cmocka_unit_test(options_out_of_range_are_refused),
+        cmocka_unit_test(views_without_photographs_are_not_trained),
         cmocka_unit_test(loading_reports_progress_and_can_be_cancelled),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -104,6 +104,13 @@ static void a_scene_without_points_starts_from_a_random_cloud(void **state)
     options.random_points = 70;
     assert_int_equal(sgs_train_random_points(&empty, &options), 70);
     assert_int_equal(first_count(&empty, &options), 70);
+    sgs_train_options earlier = options; // a struct without the field, and none
+    earlier.struct_size = offsetof(sgs_train_options, random_points);
+    empty.white_background = false;
+    assert_int_equal(sgs_train_random_points(&empty, &earlier), 100000);
+    assert_int_equal(sgs_train_random_points(&empty, NULL), 10000);
+    earlier.struct_size = 1;
+    assert_int_equal(sgs_train_random_points(&empty, &earlier), 0);
     options.max_gaussians = 60;
     assert_int_equal(first_count(&empty, &options), 60);
     assert_int_equal(sgs_train_random_points(scene, &options), 0);

@@ -15,6 +15,7 @@
 #include <cmocka.h>
 
 #include "sparegs/option_descriptors.h"
+#include "support/locale_support.h"
 
 static const sgs_train_option *rows;
 static size_t row_count;
@@ -203,6 +204,31 @@ static void values_have_a_text(void **state)
     assert_string_equal(text, "h,v");
 }
 
+// Checkpoints hold these texts: a program with a decimal comma must be able to resume them.
+static void values_have_the_same_text_in_any_language(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    options.background[1] = 0.5f;
+    options.region.low[1] = 0.25f;
+    if (!decimal_comma_set())
+        skip();
+    const struct {
+        const char *name, *text;
+    } cases[] = {{"spare_tau_alpha", "0.05"},
+                 {"background", "0,0.5,0"},
+                 {"region", "-inf,0.25,-inf,inf,inf,inf"}};
+    char texts[3][64];
+    for (size_t k = 0; k < 3; ++k)
+        sgs_train_option_text(sgs_train_option_find(cases[k].name), &options, texts[k],
+                              sizeof texts[k]);
+    const double comma = strtod("0,5", NULL);
+    decimal_comma_unset();
+    assert_true(comma == 0.5);
+    for (size_t k = 0; k < 3; ++k)
+        assert_string_equal(texts[k], cases[k].text);
+}
+
 static void options_of_an_earlier_version_are_filled_up(void **state)
 {
     (void)state;
@@ -213,6 +239,19 @@ static void options_of_an_earlier_version_are_filled_up(void **state)
     assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_INVALID_ARGUMENT);
     options.struct_size = offsetof(sgs_train_options, spare_grid); // a struct without the field
     assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_OK);
+    options.spare = 0; // beyond the end of an even shorter struct, whose parts are all on
+    options.schedule = SGS_SCHEDULE_PAPER;
+    options.struct_size = offsetof(sgs_train_options, schedule);
+    const sgs_train_options *const given[] = {&options, NULL};
+    for (int k = 0; k < 2; ++k) {
+        char text[64];
+        assert_true(sgs_train_option_is_read(sgs_train_option_find("spare_grid"), given[k]));
+        for (size_t i = 0; i < row_count; ++i)
+            if (rows[i].resume == SGS_RESUME_FREE_PAPER)
+                assert_false(sgs_train_option_may_change(&rows[i], given[k]));
+        sgs_train_option_text(sgs_train_option_find("schedule"), given[k], text, sizeof text);
+        assert_string_equal(text, "scaled");
+    }
     for (int k = 0; k < 2; ++k) {
         options.struct_size = k ? sizeof options + 1 : 0;
         assert_int_equal(sgs_train_options_check(&options), SGS_STATUS_INVALID_ARGUMENT);
@@ -227,6 +266,7 @@ int main(void)
         cmocka_unit_test(rows_are_well_formed),
         cmocka_unit_test(values_out_of_range_are_refused_by_field),
         cmocka_unit_test(values_have_a_text),
+        cmocka_unit_test(values_have_the_same_text_in_any_language),
         cmocka_unit_test(options_of_an_earlier_version_are_filled_up),
     };
     return cmocka_run_group_tests(tests, get_table, NULL);

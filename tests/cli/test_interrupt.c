@@ -61,6 +61,10 @@ static void one_request_that_arrives_several_times_lets_the_work_end(void **stat
         {REQUEST, REQUEST, INTERRUPT_PASSED_ON, SIGTERM, SIGTERM},
         {REQUEST, FOLLOW + SIGTERM, SIGTERM, SIGTERM},
         {SIGTERM, REQUEST, SIGTERM},
+        {SIGXCPU},
+        {SIGXCPU, SIGXCPU, SIGXCPU, SIGXCPU, SIGTERM},
+        {SIGTERM, SIGXCPU, SIGXCPU},
+        {INTERRUPT_PASSED_ON, SIGXCPU, SIGTERM},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
         bool stopped;

@@ -55,6 +55,13 @@ static void receive_once(int signal_number)
     atomic_fetch_and(&received, ~PASSED_ON);
 }
 
+// The kernel repeats SIGXCPU every second until the hard limit, which kills the process.
+static void receive_limit(int signal_number)
+{
+    (void)signal_number;
+    interrupt_follow(SIGTERM);
+}
+
 static void want_checkpoint(int signal_number)
 {
     (void)signal_number;
@@ -71,6 +78,8 @@ void interrupt_watch(void)
         sigaction(SIGHUP, &action, NULL);
     action.sa_handler = receive_once;
     sigaction(INTERRUPT_PASSED_ON, &action, NULL);
+    action.sa_handler = receive_limit;
+    sigaction(SIGXCPU, &action, NULL);
     action.sa_handler = want_checkpoint;
     sigaction(SIGUSR1, &action, NULL);
     // A closed pipe or a file-size limit is reported as an error of the write instead.

@@ -143,7 +143,9 @@ sgs_status sgsi_bvh_create(sgsi_bvh **bvh)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a BVH");
     if (!acquire_device()) {
         sgsi_free(created);
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "cannot create an Embree device");
+        const int error = rtcGetDeviceError(NULL);
+        return embree_failure(error == RTC_ERROR_NONE ? RTC_ERROR_UNKNOWN : error,
+                              "creating a device");
     }
     *bvh = created;
     return SGS_STATUS_OK;

@@ -368,13 +368,28 @@ static void failed_list_growth_is_reported_and_list_stays_usable(void **state)
 
 // The linker replaces Embree's functions by these (tests/CMakeLists.txt). Without an Embree header:
 // only bvh/ includes them, and all arguments are pointers and an enumeration.
-static bool scene_fails, geometry_fails;
+static bool device_fails, scene_fails, geometry_fails;
+static int device_error;
 
 // NOLINTBEGIN(bugprone-reserved-identifier,cert-dcl*): names of the linker
+void *__real_rtcNewDevice(const char *config);
+int __real_rtcGetDeviceError(void *device);
 void *__real_rtcNewScene(void *device);
 void *__real_rtcNewGeometry(void *device, int type);
+void *__wrap_rtcNewDevice(const char *config);
+int __wrap_rtcGetDeviceError(void *device);
 void *__wrap_rtcNewScene(void *device);
 void *__wrap_rtcNewGeometry(void *device, int type);
+
+void *__wrap_rtcNewDevice(const char *config)
+{
+    return device_fails ? NULL : __real_rtcNewDevice(config);
+}
+
+int __wrap_rtcGetDeviceError(void *device)
+{
+    return device_fails ? device_error : __real_rtcGetDeviceError(device);
+}
 
 void *__wrap_rtcNewScene(void *device)
 {
@@ -386,6 +401,24 @@ void *__wrap_rtcNewGeometry(void *device, int type)
     return geometry_fails ? NULL : __real_rtcNewGeometry(device, type);
 }
 // NOLINTEND(bugprone-reserved-identifier,cert-dcl*)
+
+static void a_missing_device_reports_the_reason(void **state)
+{
+    (void)state;
+    enum { NONE = 0, OUT_OF_MEMORY = 4 }; // RTC_ERROR_*
+    sgsi_bvh *bvh;
+    device_fails = true;
+    device_error = OUT_OF_MEMORY;
+    assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OUT_OF_MEMORY);
+    assert_string_equal(sgs_last_error(), "Embree ran out of memory while creating a device");
+    assert_null(bvh);
+    device_error = NONE;
+    assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_INTERNAL);
+    assert_string_equal(sgs_last_error(), "Embree failed while creating a device");
+    device_fails = false;
+    assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OK);
+    sgsi_bvh_destroy(bvh);
+}
 
 // Embree stores no error here.
 static void a_missing_scene_or_geometry_fails_the_build_only(void **state)
@@ -508,6 +541,7 @@ int main(void)
         cmocka_unit_test(invalid_lanes_gather_nothing),
         cmocka_unit_test(axis_aligned_rays_in_a_grid_lose_no_box),
         cmocka_unit_test(failed_list_growth_is_reported_and_list_stays_usable),
+        cmocka_unit_test(a_missing_device_reports_the_reason),
         cmocka_unit_test(a_missing_scene_or_geometry_fails_the_build_only),
         cmocka_unit_test(few_boxes_at_one_point_are_built_and_refitted),
         cmocka_unit_test(a_rendering_after_a_failed_build_builds_again),

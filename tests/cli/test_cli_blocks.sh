@@ -21,6 +21,10 @@ run 1 split "$room" -o "$dir"
 reports "blocks/blocks.json: exists already, and trained blocks depend on it; choose another folder"
 run 0 split "$room" -o "$temporary/json" --blocks 2 --json
 json "$temporary/stdout" '(.blocks | length) == 2 and (.files | length) == 3 and (.blocks[0].views | type) == "number"'
+cd "$SPAREGS_SOURCE/tests/data"
+run 0 split room -o "$temporary/relative"
+cd - >/dev/null
+json "$temporary/relative/blocks.json" ".scene == \"$(realpath "$room")\"" # merge may run in another folder
 run 2 split "$room" -o "$temporary/x" --blocks 1
 reports "--blocks"
 run 2 split "$room"

@@ -45,7 +45,9 @@ json_t *block_plan_json(const sgs_scene *scene, const sgs_blocks *blocks,
     }
     json_t *root = json_object();
     json_object_set_new(root, "schema", json_integer(1));
-    json_set_path(root, "scene", "%s", scene->path);
+    char *real = realpath(scene->path, NULL); // jobs may run in another folder
+    json_set_path(root, "scene", "%s", real ? real : scene->path);
+    free(real);
     json_object_set_new(root, "scene_hash", json_string(digest));
     json_object_set_new(root, "margin", json_number(options->margin));
     json_object_set_new(root, "share", json_number(options->share));

@@ -25,6 +25,7 @@
 #include "cli/progress.h"
 #include "cli/rank_group.h"
 #include "run/exposure_file.h"
+#include "run/lock_file.h"
 #include "sparegs/model_file.h"
 #include "sparegs/runtime.h"
 
@@ -37,21 +38,47 @@ static const char spare_header[] = "iteration,regions,gaussians,over_budget_shar
 
 static const char sums_header[] = "iteration,densified,pruned,spare_pruned";
 
-// Locks the folder itself: no lock file is left behind, and the kernel releases the lock when the
-// process ends.
+static char *lock_path(const run_folder *folder)
+{
+    return format_text("%s/.lock", folder->path);
+}
+
+static bool fail_in_use(const run_folder *folder)
+{
+    fail_run("%s: in use by another training; wait until it ends or choose another folder",
+             folder->path);
+    return false;
+}
+
+static bool lock_without(const run_folder *folder, int code)
+{
+    print_warning("%s: cannot lock the folder against a second training: %s", folder->path,
+                  strerror(code));
+    return true;
+}
+
+// Against the processes of this machine. The lock of a folder leaves no file where nothing can be
+// written, and the kernel releases it when the process ends.
 static bool lock_folder(run_folder *folder)
 {
     folder->lock = open(folder->path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (folder->lock >= 0 && !flock(folder->lock, LOCK_EX | LOCK_NB))
         return true;
-    if (folder->lock >= 0 && errno == EWOULDBLOCK) {
-        fail_run("%s: in use by another training; wait until it ends or choose another folder",
-                 folder->path);
-        return false;
-    }
-    print_warning("%s: cannot lock the folder against a second training: %s", folder->path,
-                  strerror(errno));
-    return true;
+    if (folder->lock >= 0 && errno == EWOULDBLOCK)
+        return fail_in_use(folder);
+    return lock_without(folder, errno);
+}
+
+// Against the processes of all machines that share the file system.
+static bool lock_shared(run_folder *folder)
+{
+    char *path = lock_path(folder);
+    const lock_result result = lock_file_take(path, &folder->shared_lock);
+    const int code = errno;
+    free(path);
+    if (result == LOCK_BUSY)
+        return fail_in_use(folder);
+    return result == LOCK_TAKEN || lock_without(folder, code);
 }
 
 bool run_folder_is_used(const run_folder *folder)
@@ -186,10 +213,9 @@ static bool finish_move(const run_folder *folder)
 
 bool run_folder_prepare(run_folder *folder, const char *path)
 {
-    *folder = (run_folder){.path = path, .lock = -1};
-    if (!make_folder(path) || !lock_folder(folder))
-        return false;
-    return check_writable(path) && finish_move(folder);
+    *folder = (run_folder){.path = path, .lock = -1, .shared_lock = -1};
+    return make_folder(path) && lock_folder(folder) && check_writable(path) &&
+           lock_shared(folder) && finish_move(folder);
 }
 
 // ---- Temporary files of a killed process ----
@@ -249,6 +275,12 @@ void run_folder_clean(const run_folder *folder)
 
 void run_folder_leave(const run_folder *folder)
 {
+    if (run_folder_is_used(folder))
+        return;
+    char *path = lock_path(folder);
+    if (folder->shared_lock >= 0)
+        unlink(path);
+    free(path);
     rmdir(folder->path); // fails, as intended, if the folder is not empty
 }
 

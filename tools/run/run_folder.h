@@ -15,7 +15,7 @@ typedef struct run_folder {
     const char *path;
     FILE *train_csv, *spare_csv, *sums_csv;
     size_t densified, pruned, spare_pruned; // counts since the last row of train.csv
-    int lock;                               // descriptor that locks the folder
+    int lock, shared_lock;                  // descriptors that lock the folder
     double checkpoint_seconds;              // longest time to save a checkpoint
     double checkpoint_total;                // total time to save checkpoints
 } run_folder;

@@ -1,0 +1,16 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Locks against other processes, also those of other machines that share the file system. NFS and
+// Lustre pass on only locks of regular files that are open for writing: a locked folder excludes
+// just the processes of the same machine.
+
+typedef enum lock_result {
+    LOCK_TAKEN, // until the descriptor is closed or the process ends
+    LOCK_BUSY,  // another process has it
+    LOCK_FAILED // with errno: the file cannot be opened, or the file system has no locks
+} lock_result;
+
+// Creates the file if necessary; it stays, empty. *file is -1 unless the lock is taken.
+lock_result lock_file_take(const char *path, int *file);

@@ -57,6 +57,18 @@ rm -r "$lost"
 [ "$(jq -r .model_hash "$lost/summary.json")" = "$hash" ]
 [ "$(date -r "$kept/summary.json" +%Y)" = 2001 ]
 
+# Another job that works on the same plan keeps its runs: they are skipped, and repeated only when it is gone.
+rm -r "$kept/summary.json" "$lost"
+exec 9>"$kept/.experiment"
+flock -n 9
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"
+exec 9>&-
+grep -q "mip, off, seed 0: in use by another experiment, skipped" "$folder/error" || { cat "$folder/error"; exit 1; }
+grep -q "other experiments worked on 1 of 5 runs" "$folder/error" || { cat "$folder/error"; exit 1; }
+[ ! -e "$kept/summary.json" ] && [ -e "$lost/summary.json" ] && [ "$(jq '.runs | length' "$folder/out/results.json")" = 4 ]
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
+[ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
+
 # Another plan in the same folder is refused before the first run, unless the difference does not affect results.
 cp "$folder/plan.json" "$folder/same.json"
 sed -i 's/"iterations": 70/"iterations": 71/' "$folder/plan.json"

@@ -10,6 +10,7 @@
 
 #include "cli/commands.h"
 #include "run/experiment_plan.h"
+#include "run/lock_file.h"
 #include "run/rank_work.h"
 #include "run/run_record.h"
 #include "run/sub_command.h"
@@ -366,6 +367,16 @@ static void drop_checkpoint(const experiment_run *run)
     }
 }
 
+// Locks a run against other experiments with the same plan, such as the jobs of an array. False if
+// one of them works on it. Where nothing can be locked, the lock of the training remains.
+static bool lock_run(const experiment_run *run, int *lock)
+{
+    char *path = format_text("%s/.experiment", run->folder);
+    const bool free_to_run = !make_folder(run->folder) || lock_file_take(path, lock) != LOCK_BUSY;
+    free(path);
+    return free_to_run;
+}
+
 // Trains, unless the run is complete. Returns its summary, or NULL after a failure or a request to
 // stop.
 static json_t *complete_run(const experiment_run *run)
@@ -390,17 +401,21 @@ static json_t *complete_run(const experiment_run *run)
     return summary;
 }
 
-// The failures of all ranks. False after printing the error.
-static bool add_failures(int failures[2])
+// Numbers of runs, and of steps after the training.
+enum { FAILED_RUNS, FAILED_POINTS, OTHERS_RUNS, COUNTS };
+
+// Adds those of all ranks. False after printing the error.
+static bool add_counts(int counts[COUNTS])
 {
-    int *all = calloc(2 * (size_t)group_count(), sizeof *all);
+    int *all = calloc(COUNTS * (size_t)group_count(), sizeof *all);
     if (!all)
         fail_run("out of memory");
-    const bool done = group_all(all != NULL) && !sgs_ranks_gather(group_ranks(), SGS_STATUS_OK,
-                                                                  failures, 2 * sizeof *all, all);
-    failures[0] = failures[1] = 0;
-    for (int i = 0; i < 2 * group_count() && done && all; ++i)
-        failures[i % 2] += all[i];
+    const bool done =
+        group_all(all != NULL) &&
+        !sgs_ranks_gather(group_ranks(), SGS_STATUS_OK, counts, COUNTS * sizeof *all, all);
+    memset(counts, 0, COUNTS * sizeof *counts);
+    for (int i = 0; i < COUNTS * group_count() && done && all; ++i)
+        counts[i % COUNTS] += all[i];
     free(all);
     return done;
 }
@@ -438,45 +453,67 @@ static bool await_results(const experiment_plan *plan, const char *folder)
     return !missing;
 }
 
+// Trains run i and executes its steps, unless another experiment does. Counts what is not complete.
+// True if it is complete.
+static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS])
+{
+    const experiment_run *run = &plan->runs[i];
+    int lock = -1;
+    const bool is_own = lock_run(run, &lock);
+    json_t *done = finished(run);
+    print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
+               run->pipeline, run->variant, run->seed,
+               !is_own ? ": in use by another experiment, skipped"
+               : done  ? ": already complete"
+                       : "");
+    json_decref(done);
+    json_t *summary = is_own ? complete_run(run) : NULL;
+    if (!is_own)
+        ++counts[OTHERS_RUNS];
+    else if (!summary)
+        counts[FAILED_RUNS] += !interrupt_signal();
+    else
+        counts[FAILED_POINTS] += run_post(plan, run, summary);
+    const bool complete = summary != NULL;
+    json_decref(summary);
+    if (lock >= 0)
+        close(lock);
+    return complete;
+}
+
+// Exit status of an experiment that no signal ended, on all ranks.
+static int status_of(const experiment_plan *plan, const char *folder, const int counts[COUNTS])
+{
+    if (counts[FAILED_RUNS])
+        return fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them", folder,
+                        counts[FAILED_RUNS], plan->count);
+    if (counts[OTHERS_RUNS] && group_leads())
+        print_note("%s: other experiments worked on %d of %zu runs; the last of them completes the "
+                   "results",
+                   folder, counts[OTHERS_RUNS], plan->count);
+    else if (group_leads() && !await_results(plan, folder))
+        return EXIT_FAILED;
+    return counts[FAILED_POINTS]
+               ? fail_run("%s: %d steps after training failed; rerun the experiment to repeat them",
+                          folder, counts[FAILED_POINTS])
+               : EXIT_DONE;
+}
+
 // Run i on rank i modulo their number; rank 0 writes the results. A signal to one rank does not
 // interrupt the runs of the others, but all then end with its status.
 static int run_all(const experiment_plan *plan, const char *folder)
 {
-    int failed = 0, failed_points = 0;
+    int counts[COUNTS] = {0};
     bool written = true;
     const size_t ranks = (size_t)group_count(), rank = (size_t)sgs_ranks_rank(group_ranks());
     for (size_t i = rank; i < plan->count && written && !interrupt_signal(); i += ranks) {
-        const experiment_run *run = &plan->runs[i];
-        json_t *done = finished(run);
-        json_decref(done);
-        print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
-                   run->pipeline, run->variant, run->seed, done ? ": already complete" : "");
-        json_t *summary = complete_run(run);
-        if (!summary) {
-            failed += !interrupt_signal();
-            continue;
-        }
-        failed_points += run_post(plan, run, summary);
-        json_decref(summary);
-        written = !group_leads() || write_results(plan, folder);
+        if (do_run(plan, i, counts))
+            written = !group_leads() || write_results(plan, folder);
     }
-    int failures[2] = {failed, failed_points};
-    if (!group_all(written) || !add_failures(failures) ||
+    if (!group_all(written) || !add_counts(counts) ||
         (group_leads() && !write_results(plan, folder)))
         return EXIT_FAILED;
-    failed = failures[0];
-    failed_points = failures[1];
-    if (group_stop_requested())
-        return interrupt_status();
-    if (failed)
-        return fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them", folder,
-                        failed, plan->count);
-    if (group_leads() && !await_results(plan, folder))
-        return EXIT_FAILED;
-    return failed_points ? fail_run("%s: %d steps after training failed; rerun the experiment to "
-                                    "repeat them",
-                                    folder, failed_points)
-                         : EXIT_DONE;
+    return group_stop_requested() ? interrupt_status() : status_of(plan, folder, counts);
 }
 
 static bool print_results(const char *folder)

@@ -40,6 +40,8 @@ json "$temporary/ranks3/summary.json" '.per_rank | length == 3 and all(.[]; .pea
     .waiting.sums > 0 and .moving.records > 0 and (.waiting | add) + (.moving | add) < .train_seconds and
     .waiting_share > 0 and .moving_share > 0 and .waiting_share + .moving_share < 1)'
 json "$temporary/one/summary.json" '.per_rank == null'
+check the_estimate_is_that_of_a_rank test "$(jq .memory_estimate_bytes "$temporary/ranks3/summary.json")" -lt \
+    "$(jq .memory_estimate_bytes "$temporary/one/summary.json")"
 if is_long && [ "${#launcher[@]}" -gt 1 ]; then
     shared=("${launcher[@]}")
     launcher+=(--mca btl tcp,self)

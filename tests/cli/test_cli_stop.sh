@@ -46,6 +46,38 @@ kill -HUP "$process"
 finish_with 129
 json "$out/summary.json" '.stop_reason == "signal"'
 
+# a_soft_limit_of_cpu_time_saves_and_ends (the kernel repeats the signal every second)
+rm -rf "$out"
+start "${data[@]}" -o "$out" --iterations 1000000 --spare off --checkpoint-every 0
+wait_for_iteration_100
+kill -XCPU "$process"
+kill -XCPU "$process"
+finish_with 143
+check its_state_is_saved test -s "$out/checkpoint/state.bin"
+
+# a_run_that_is_stopped_while_it_is_evaluated_is_not_complete (resuming it evaluates the same model)
+rm -rf "$out"
+start "$room" --threads 1 --iterations 2 -o "$out"
+for _ in $(seq 1000); do
+    if [ -e "$out/checkpoint/state.bin" ]; then break; fi
+    sleep 0.02
+done
+kill -TERM "$process"
+finish_with 143
+json "$out/summary.json" '.stop_reason == "signal" and .stop_text == "stopped by a signal" and .iterations == 2 and .train.psnr == null'
+hash=$(jq .model_hash "$out/summary.json")
+run 0 train "$room" --threads 1 --iterations 2 -o "$out" --resume
+json "$out/summary.json" ".stop_reason == \"schedule\" and .model_hash == $hash and .train.images == 35"
+
+# a_run_on_another_machine_is_noticed (its kernel has the lock of the folder, but file servers share those of files)
+exec 9>"$out/.lock"
+flock -n 9
+run 1 train "${data[@]}" -o "$out" --iterations 2 --overwrite
+reports "$out: in use by another training"
+one_line
+exec 9>&-
+run 0 train "${data[@]}" -o "$out" --iterations 2 --overwrite
+
 # removed_photographs_end_the_run_resumably (the resumed run gives the same model; pipelines read photographs in each
 # iteration, at a change of the image size, and for the scores of an update)
 scene=$temporary/scene

@@ -37,8 +37,8 @@ static const char description[] =
     "point_cloud/iteration_N/point_cloud.ply  the model, readable by 3DGS viewers\n  cameras.json, "
     "input.ply, config.json     cameras, initial cloud, options\n  train.csv, spare.csv, "
     "summary.json       training curves and results\n  checkpoint/                              "
-    "full state for --resume\nSIGINT, SIGTERM, SIGUSR2 and SIGHUP finish the current iteration and "
-    "save; a "
+    "full state for --resume\nSIGINT, SIGTERM, SIGUSR2, SIGXCPU and SIGHUP finish the current "
+    "iteration and save; a "
     "second signal exits immediately. SIGUSR1 saves a checkpoint and continues. Under mpirun or "
     "srun, several processes train one model, with the result of one process.";
 
@@ -489,8 +489,8 @@ static bool save_results(training *run)
     run->skipped = sgs_trainer_skipped(run->trainer);
     run->stop_text = format_text("%s", stop_text(run));
     const size_t most = run->most_gaussians > run->gaussians ? run->most_gaussians : run->gaussians;
-    run->memory_estimate =
-        sgs_train_memory(run->scene, options, (size_t)run->data.cache_bytes, most);
+    run->memory_estimate = sgs_train_memory_per_rank(
+        run->scene, options, (size_t)run->data.cache_bytes, most, group_count());
     run->traffic = group_traffic();
     if (sgs_trainer_hash(run->trainer, run->hash)) {
         fail_library();
@@ -527,21 +527,23 @@ static bool evaluate(training *run)
                                     .has_exposure = run->values.options.exposure,
                                     .lpips = run->lpips,
                                     .lpips_input = (sgs_lpips_input)run->values.lpips_input};
-    return evaluate_saved(&input, &run->test, &run->train);
+    const bool done = evaluate_saved(&input, &run->test, &run->train);
+    if (done && !run->train.images) { // stopped; with --resume the evaluation is repeated
+        run->stop = SGS_STOP_SIGNAL;
+        free(run->stop_text);
+        run->stop_text = format_text("%s", stop_text(run));
+    }
+    return done;
 }
 
 static json_t *summary_json(const training *run)
 {
-    static const char *const reasons[] = {
-        [SGS_STOP_NONE] = "schedule",           [SGS_STOP_SCHEDULE] = "schedule",
-        [SGS_STOP_EQUILIBRIUM] = "equilibrium", [SGS_STOP_SIGNAL] = "signal",
-        [SGS_STOP_TIME_LIMIT] = "time_limit",   [SGS_STOP_MEMORY_LIMIT] = "memory_limit"};
     json_t *summary = json_result_new();
     json_t *seconds =
         run_record_seconds(&run->seconds, run->load_seconds, run->folder.checkpoint_total);
     json_object_set_new(summary, "iterations", json_integer(run->iterations));
     json_object_set_new(summary, "batch", json_integer(run->values.options.batch));
-    json_object_set_new(summary, "stop_reason", json_string(reasons[run->stop]));
+    json_object_set_new(summary, "stop_reason", json_string(run_record_stop_reason(run->stop)));
     json_object_set_new(summary, "stop_text", json_string(run->stop_text));
     json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));
     if (run->values.region)

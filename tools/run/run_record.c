@@ -120,6 +120,15 @@ json_t *run_record_seconds(const sgs_train_seconds *s, double load, double check
     return seconds;
 }
 
+const char *run_record_stop_reason(sgs_stop_reason stop)
+{
+    static const char *const reasons[] = {
+        [SGS_STOP_NONE] = "schedule",           [SGS_STOP_SCHEDULE] = "schedule",
+        [SGS_STOP_EQUILIBRIUM] = "equilibrium", [SGS_STOP_SIGNAL] = "signal",
+        [SGS_STOP_TIME_LIMIT] = "time_limit",   [SGS_STOP_MEMORY_LIMIT] = "memory_limit"};
+    return reasons[stop];
+}
+
 bool run_record_is_complete(const json_t *summary)
 {
     const char *reason = json_string_value(json_object_get(summary, "stop_reason"));

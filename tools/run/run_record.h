@@ -31,6 +31,9 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene);
 // prints the error.
 bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now);
 
+// The reason in summary.json. Cannot fail.
+const char *run_record_stop_reason(sgs_stop_reason stop);
+
 // True if summary.json is that of a whole run: all iterations, or an equilibrium. `summary` may be
 // NULL.
 bool run_record_is_complete(const json_t *summary);

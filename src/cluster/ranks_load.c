@@ -140,5 +140,12 @@ sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks)
                          "install libopenmpi-dev (or libmpich-dev) and build sparegs with "
                          "-DSPAREGS_MPI=ON, or start it without a launcher",
                          count, found->plugin ? found->plugin : "ranks-openmpi.so", reason);
-    return sgsi_ranks_create(&transport, ranks);
+    if (transport.count == count)
+        return sgsi_ranks_create(&transport, ranks);
+    transport.close(transport.state);
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                     "%d processes were launched, but MPI connects %d of them: the launcher does "
+                     "not support the MPI library; select PMIx as the MPI type of srun, or use the "
+                     "mpirun of the library that sparegs was built with",
+                     count, transport.count);
 }

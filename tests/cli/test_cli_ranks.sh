@@ -213,6 +213,17 @@ one_voice
 reports "sparegs: rank 1 ("
 reports "seed is 5, but 0 on rank 0"
 check nothing_written test ! -e "$temporary/refused"
+for option in resume checkpoint-every=10 save-at=10; do # the ranks would wait for each other
+    cat >"$temporary/differs" <<EOF
+#!/bin/sh
+$on_rank_1 && exec "$real" "\$@" --$option
+exec "$real" "\$@"
+EOF
+    ranks 1 2 train "${common[@]}" -o "$temporary/refused"
+    one_voice
+    reports "): --${option%=*} is "
+    check nothing_written test ! -e "$temporary/refused"
+done
 cat >"$temporary/differs" <<EOF
 #!/bin/sh
 $on_rank_1 && exec "$real" "\$@" --isa baseline
@@ -269,6 +280,14 @@ chmod +x "$program"
 ranks 1 2 train "${common[@]}" -o "$temporary/refused"
 check rank_1_alone_has_none grep -qE '^sparegs: rank 1 \(.*\): .*the MPI plug-in ranks-' "$temporary/stderr"
 program=$real
+# srun without PMIx: each process is alone, although Slurm announces two. Nothing is trained several times.
+if [ "${#launcher[@]}" -gt 1 ]; then
+    SLURM_STEP_NUM_TASKS=2 SLURM_PROCID=0 run 1 train "${common[@]}" -o "$temporary/refused"
+    reports "2 processes were launched, but MPI connects 1 of them"
+    reports "select PMIx as the MPI type of srun"
+    one_line
+    check nothing_written test ! -e "$temporary/refused"
+fi
 # The launcher ends the job with the first rank that fails; the message of rank 0 must not be lost.
 attempts=1
 if is_long; then attempts=5; fi

@@ -6,8 +6,8 @@
 // immediately with status 128 + signal. A second SIGTERM within five seconds has no effect: batch
 // systems send one to the process and one to its launcher, which forwards it. SIGUSR1 requests a
 // checkpoint. INTERRUPT_PASSED_ON is SIGTERM forwarded by the parent program; it never exits
-// immediately, because the same request may also have arrived directly. SIGXCPU, sent at a soft limit
-// of the CPU time, is such a SIGTERM, too.
+// immediately, because the same request may also have arrived directly. SIGXCPU, sent at the soft
+// limit of CPU time, is such a SIGTERM, too.
 
 #include <signal.h>
 #include <stdbool.h>

@@ -87,15 +87,26 @@ static void write_value(FILE *out, const option *row, const char *values)
     }
 }
 
-void options_describe(FILE *out, const command_line *line, const char *except)
+// The options in "a|b|c", or all others.
+static void describe(FILE *out, const command_line *line, const char *names, bool listed)
 {
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t k = 0; k < line->groups[g].count; ++k) {
             const option *row = &line->groups[g].options[k];
-            if (find_word(except, row->name) >= 0)
+            if ((find_word(names, row->name) >= 0) != listed)
                 continue;
             fprintf(out, "--%s: ", row->name);
             write_value(out, row, line->groups[g].values);
             fputc('\n', out);
         }
+}
+
+void options_describe(FILE *out, const command_line *line, const char *except)
+{
+    describe(out, line, except, false);
+}
+
+void options_describe_only(FILE *out, const command_line *line, const char *names)
+{
+    describe(out, line, names, true);
 }

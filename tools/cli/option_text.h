@@ -11,3 +11,5 @@
 // Writes a line "--name: value" for each option of all groups, given or not, except those in
 // "a|b|c".
 void options_describe(FILE *out, const command_line *line, const char *except);
+// The same for those in "a|b|c".
+void options_describe_only(FILE *out, const command_line *line, const char *names);

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "cli/interrupt.h"
+#include "cli/option_text.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -136,6 +137,27 @@ bool group_all(bool own)
     }
     told = told || status;
     return !status;
+}
+
+bool group_same_options(const command_line *line, const char *names)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *out = ranks ? open_memstream(&text, &size) : NULL;
+    if (!ranks)
+        return true;
+    if (out)
+        options_describe_only(out, line, names);
+    bool same = out && !fclose(out);
+    if (!same)
+        fail_run("no memory to compare the ranks");
+    same = group_all(same);
+    if (same && sgs_ranks_compare(ranks, SGS_STATUS_OK, text)) {
+        fail_library();
+        same = false;
+    }
+    free(text);
+    return same;
 }
 
 bool group_requested(unsigned request, bool own)

@@ -10,6 +10,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
+#include "cli/options.h"
 #include "sparegs/ranks.h"
 
 // Requests that must reach all ranks in the same iteration.
@@ -49,6 +50,10 @@ int group_count(void);  // 1 without ranks
 // last one that this rank has passed to fail_run() or fail_library(). Rank 0 prints its own error
 // itself. A signal to this rank travels along, see group_stop_requested.
 bool group_all(bool own);
+
+// Whether the options in "a|b|c", which decide on collective calls, are those of rank 0. Otherwise
+// false on all ranks; rank 0 has printed the error. Collective.
+bool group_same_options(const command_line *line, const char *names);
 
 // True if the request was raised on any rank; the same on all ranks in the same iteration. `own`
 // raises it.

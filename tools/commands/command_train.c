@@ -38,9 +38,8 @@ static const char description[] =
     "input.ply, config.json     cameras, initial cloud, options\n  train.csv, spare.csv, "
     "summary.json       training curves and results\n  checkpoint/                              "
     "full state for --resume\nSIGINT, SIGTERM, SIGUSR2, SIGXCPU and SIGHUP finish the current "
-    "iteration and save; a "
-    "second signal exits immediately. SIGUSR1 saves a checkpoint and continues. Under mpirun or "
-    "srun, several processes train one model, with the result of one process.";
+    "iteration and save; a second signal exits at once. SIGUSR1 saves a checkpoint and continues. "
+    "Under mpirun or srun, several processes train one model, with the result of one process.";
 
 typedef struct training {
     common_values common;
@@ -635,8 +634,9 @@ static bool share_config(training *run)
 static int prepare(training *run)
 {
     const bool claimed =
-        !group_leads() ||
-        (!has_no_time(run) && training_view_is_possible(run->values.view) && claim_folder(run));
+        group_same_options(run->line, "resume|checkpoint-every|save-at|view") &&
+        (!group_leads() ||
+         (!has_no_time(run) && training_view_is_possible(run->values.view) && claim_folder(run)));
     if (!group_all(claimed) || !share_config(run))
         return EXIT_FAILED;
     bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&

@@ -11,7 +11,7 @@ cp -r "$room" "$scene"
 out=$temporary/out
 data=("$scene" --downscale 8 --threads 2 --quiet)
 names() { jq -r '.images[].name' "$temporary/stdout" | sort | tr '\n' ' '; }
-files() { (cd "$1" && find . -path ./previous -prune -o -type f -print | LC_ALL=C sort | xargs md5sum); }
+files() { (cd "$1" && find . -path ./previous -prune -o -type f ! -path ./.lock -print | LC_ALL=C sort | xargs md5sum); }
 
 # the_split_is_that_of_the_run (a removed or masked photograph does not change the split of the others)
 run 0 train "${data[@]}" -o "$out" --eval --iterations 12

@@ -151,8 +151,16 @@ size_t spare_workspace_size(const spare_options *options, size_t count)
     return lay_out(options, count, NULL).size;
 }
 
-// Bounding box of the finite centres, padded on every side by a thousandth of its extent (at least
-// 1e-6).
+// Sets low and scale so that `grid` voxels cover the interval, padded on both sides by a thousandth
+// of its length (at least 1e-6).
+static void set_axis(box *b, int axis, double low, double high, size_t grid)
+{
+    const double extent = high - low, pad = fmax(1e-3 * extent, 1e-6);
+    b->low[axis] = low - pad;
+    b->scale[axis] = (double)grid / (extent + 2.0 * pad);
+}
+
+// Bounding box of the finite centres.
 static box bounding_box(const spare_input *input, size_t grid)
 {
     float low[3][BOX_LANES], high[3][BOX_LANES];
@@ -183,10 +191,54 @@ static box bounding_box(const spare_input *input, size_t grid)
             least = low[axis][lane] < least ? low[axis][lane] : least;
             most = high[axis][lane] > most ? high[axis][lane] : most;
         }
-        const double extent = most >= least ? (double)most - (double)least : 0.0;
-        const double pad = fmax(1e-3 * extent, 1e-6);
-        b.low[axis] = (most >= least ? (double)least : 0.0) - pad;
-        b.scale[axis] = (double)grid / (extent + 2.0 * pad);
+        const bool any = most >= least;
+        set_axis(&b, axis, any ? (double)least : 0.0, any ? (double)most : 0.0, grid);
+    }
+    return b;
+}
+
+// The value of rank k in ascending order (Hoare's selection). Reorders values.
+static float select_value(float *values, size_t count, size_t k)
+{
+    size_t first = 0, last = count - 1;
+    while (first < last) {
+        const float pivot = values[first + (last - first) / 2];
+        size_t i = first, j = last;
+        for (;;) {
+            while (values[i] < pivot)
+                ++i;
+            while (values[j] > pivot)
+                --j;
+            if (i >= j)
+                break;
+            const float swapped = values[i];
+            values[i++] = values[j];
+            values[j--] = swapped;
+        }
+        if (k <= j)
+            last = j;
+        else
+            first = j + 1;
+    }
+    return values[k];
+}
+
+// The box of the finite centres without the share `quantile` of them at both ends of each axis.
+// `values` has room for input->count.
+static box quantile_box(const spare_input *input, double quantile, size_t grid, float *values)
+{
+    const float *const columns[3] = {input->x, input->y, input->z};
+    box b;
+    for (int axis = 0; axis < 3; ++axis) {
+        size_t n = 0;
+        for (size_t i = 0; i < input->count; ++i) {
+            values[n] = columns[axis][i];
+            n += isfinite(input->x[i]) && isfinite(input->y[i]) && isfinite(input->z[i]);
+        }
+        const size_t cut = n ? (size_t)(quantile * (double)(n - 1)) : 0;
+        const double low = n ? (double)select_value(values, n, cut) : 0.0;
+        const double high = n ? (double)select_value(values, n, n - 1 - cut) : 0.0;
+        set_axis(&b, axis, low, high, grid);
     }
     return b;
 }
@@ -431,7 +483,10 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
     if (!input->count)
         return;
 
-    const box b = bounding_box(input, grid);
+    const double quantile = fmin(options->grid_quantile, 0.25);
+    // The memory of region_of serves as the copy of a column.
+    const box b = quantile > 0.0 ? quantile_box(input, quantile, grid, (float *)(void *)w.region_of)
+                                 : bounding_box(input, grid);
     for (int axis = 0; axis < 3; ++axis) {
         result->low[axis] = b.low[axis];
         result->cell[axis] = 1.0 / b.scale[axis];

@@ -196,6 +196,10 @@ typedef struct sgs_train_options {
     // space correct each error once (src/train/region_targets.c). The mixtures are kept in memory
     // besides the photographs. Requires init; with exposure the photographs are used.
     sgs_box region;
+    // Share of the primitives beyond the region grid of SPARE-GS at both ends of each axis, at most
+    // 0.25; they belong to the outermost voxels. 0: the grid covers all, as in the paper. Below 0:
+    // 0, and 0.01 in runs with the noise of SGS_PIPELINE_MCMC, which moves primitives far away; -1.
+    double spare_grid_quantile;
 } sgs_train_options;
 
 // Cannot fail.

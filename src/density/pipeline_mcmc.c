@@ -28,8 +28,10 @@
 // SPARE-GS (a proposal; the paper does not treat this pipeline): w multiplies the opacities of both
 // draws, and growth adds the share of sum min(w, 1) instead of N, so that over-budget regions lend
 // less. The redundancy mask joins the dead rows: redundant rows are deleted and the cap falls by as
-// many, or relocated. An update takes at most 5 % (mcmc_growth), the faintest first: the
-// opacity loss makes many rows faint.
+// many, or relocated. The opacity loss makes many rows faint, so an update takes the faintest: at
+// most 5 % (mcmc_growth) in short runs. With the published growth, deleting as many would stop the
+// growth, and the cap would fall in each of 243 updates: there an update deletes at most half of
+// what growth may add, and none at the cap.
 
 #include "density/pipeline.h"
 
@@ -78,14 +80,27 @@ static double weight_now(const sgsi_density_columns *c, size_t i)
     return (double)c->weight[c->moves.root[i]];
 }
 
-// Keeps in the mask the faintest redundant rows among the living, as many as a published update
-// may add: a short run would otherwise lose most rows in few updates.
+// Most rows that an update takes from the redundant ones: as many as a published update may add,
+// because a short run would otherwise lose most rows in few updates. A published run deletes half
+// of what this update adds.
+static size_t redundant_most(const chain_update *chain)
+{
+    const sgs_train_options *train = chain->options->train;
+    const size_t count = chain->c->count, cap = cap_of(chain->options);
+    const double share = fmin(chain->options->growth, train->pipeline_options.mcmc_growth),
+                 all = share * (double)count,
+                 added = fmin(all, cap > count ? (double)(cap - count) : 0.0),
+                 shortness = train->pipeline_options.mcmc_redundant == SGS_MCMC_RELOCATE
+                                 ? 1.0
+                                 : sgsi_run_shortness(train);
+    return (size_t)floor(shortness * all + (1.0 - shortness) * 0.5 * added + 1e-9);
+}
+
+// Keeps in the mask the faintest redundant rows among the living.
 static sgs_status limit_redundant(chain_update *chain, sgsi_density_result *result)
 {
     sgsi_density_columns *c = chain->c;
-    const double published = chain->options->train->pipeline_options.mcmc_growth;
-    const double share = fmin(chain->options->growth, published);
-    const size_t most = (size_t)floor(share * (double)c->count + 1e-9);
+    const size_t most = redundant_most(chain);
     size_t redundant = 0;
     for (size_t i = 0; i < c->count; ++i) {
         c->redundant[i] = c->redundant[i] && !c->degenerate[i] && c->opacity[i] > DEAD;

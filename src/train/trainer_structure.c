@@ -12,11 +12,17 @@
 #include "sparegs/runtime.h"
 #include "train/trainer_state.h"
 
-static spare_options spare_settings(const sgs_train_options *o, double gradient_threshold)
+static const double NOISE_GRID_QUANTILE = 0.01;
+
+static spare_options spare_settings(const sgs_trainer *trainer)
 {
+    const sgs_train_options *o = &trainer->options;
     spare_options spare = spare_options_default();
-    spare.tau_gradient = gradient_threshold;
+    spare.tau_gradient = SGSI_GRADIENT_THRESHOLD * trainer->schedule.threshold_factor;
     spare.grid = o->spare_grid;
+    spare.grid_quantile = o->spare_grid_quantile;
+    if (o->spare_grid_quantile < 0.0) // noise moves faint primitives far away
+        spare.grid_quantile = trainer->sampling.noise > 0.0 ? NOISE_GRID_QUANTILE : 0.0;
     spare.tau_alpha = o->spare_tau_alpha;
     spare.phi = (spare_phi)o->spare_phi;
     spare.budget_scale = o->spare_budget;
@@ -161,8 +167,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
 {
     const double start = sgsi_seconds();
     sgsi_progress *progress = &trainer->progress;
-    const spare_options spare = spare_settings(
-        &trainer->options, SGSI_GRADIENT_THRESHOLD * trainer->schedule.threshold_factor);
+    const spare_options spare = spare_settings(trainer);
     const sgsi_density_options options = density_options(trainer, iteration, scores, &spare);
     const sgsi_row_peers peers = sgsi_trainer_peers(trainer);
     if (sgsi_trainer_is_shared(trainer)) { // the peak of a rank: columns of the rows of all

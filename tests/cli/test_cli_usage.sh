@@ -27,7 +27,7 @@ for command in train eval render info reconstruct; do
     check help_fits_100_columns awk 'length > 100 { print; bad = 1 } END { exit bad }' "$temporary/stdout"
 done
 run 0 help train
-for text in iterations schedule images downscale eval test-every test-images pipeline spare spare-grid spare-tau-alpha \
+for text in iterations schedule images downscale eval test-every test-images pipeline spare spare-grid spare-grid-quantile spare-tau-alpha \
     spare-eps-loss spare-eps-count spare-patience spare-interval spare-demand max-gaussians filter optimizer sh-degree \
     background masks invert-masks alpha ssim-weight ssim-sigma alpha-loss opaque input-colorspace train-space white image-cache exposure save-at checkpoint-every resume init isa seed json quiet; do
     prints "--$text"
@@ -89,6 +89,7 @@ out_of_range iterations 12x "whole number"
 out_of_range iterations 99999999999999999999 "from 1 to"
 out_of_range sh-degree 4 "from 0 to 3"
 out_of_range spare-grid 1 "from 2 to 256"
+out_of_range spare-grid-quantile 0.3 "from -1 to 0.25"
 out_of_range spare-tau-alpha nan "from 0 to 1"
 out_of_range spare-eps-loss 1.5 "from 0 to 1"
 out_of_range background 0,0 "R,G,B"

@@ -652,6 +652,15 @@ static void weights_change_the_growth_and_the_draws(void **state)
     assert_true(before > 0.65 && after < before - 0.02);
 }
 
+// Opacities of 0.01 to 0.04 for the 150 crowded rows.
+static void make_faint(fixture *f)
+{
+    for (size_t i = 0; i < 150; ++i) {
+        const double opacity = 0.01 + 0.0002 * (double)i;
+        *sgs_gaussians_at(f->model, i, SGS_PARAM_OPACITY) = (float)log(opacity / (1 - opacity));
+    }
+}
+
 // 150 crowded rows that no view pulls, with opacities of 0.01 to 0.04: the faintest go, as many as
 // growth may add, and the cap with them.
 static void redundant_rows_leave_faintest_first_and_lower_the_cap(void **state)
@@ -660,13 +669,11 @@ static void redundant_rows_leave_faintest_first_and_lower_the_cap(void **state)
     for (int relocates = 0; relocates < 2; ++relocates) {
         fixture *f = make(&sgsi_pipeline_mcmc, 200, 1e-5f);
         crowd(f);
-        for (size_t i = 0; i < 150; ++i) {
-            const double opacity = 0.01 + 0.0002 * (double)i;
-            *sgs_gaussians_at(f->model, i, SGS_PARAM_OPACITY) = (float)log(opacity / (1 - opacity));
-        }
+        make_faint(f);
         f->options.spare_prune = true;
         f->options.growth = relocates ? 0.05 : 1; // a scaled growth does not raise the limit
         f->options.max_count = 200;
+        f->train.iterations = relocates ? 30000 : 7000;
         f->train.pipeline_options.mcmc_redundant = relocates ? SGS_MCMC_RELOCATE : SGS_MCMC_DELETE;
         assert_int_equal(update(f), relocates ? 200 : 190);
         assert_int_equal(f->result.spare_pruned, relocates ? 0 : 10);
@@ -679,6 +686,27 @@ static void redundant_rows_leave_faintest_first_and_lower_the_cap(void **state)
             f->options.spare_prune = false;
             assert_int_equal(update(f), 190);
         }
+        drop(f);
+    }
+}
+
+// With the published growth of 5 %, an update deletes at most half of what it may add.
+static void published_runs_delete_half_of_the_growth(void **state)
+{
+    (void)state;
+    const size_t caps[] = {1000, 204, 200}, deleted[] = {5, 2, 0};
+    for (size_t k = 0; k < sizeof caps / sizeof *caps; ++k) {
+        fixture *f = make(&sgsi_pipeline_mcmc, 200, 1e-5f);
+        crowd(f);
+        make_faint(f);
+        f->options.spare_prune = true;
+        f->options.growth = 0.05;
+        f->options.max_count = caps[k];
+        f->train.iterations = 30000;
+        update(f);
+        assert_int_equal(f->result.spare_pruned, deleted[k]);
+        assert_int_equal(f->result.spare_deferred, 150 - deleted[k]);
+        assert_int_equal(f->state.deleted, deleted[k]);
         drop(f);
     }
 }
@@ -705,6 +733,7 @@ int main(void)
         cmocka_unit_test(noise_begins_where_the_spread_ends),
         cmocka_unit_test(weights_change_the_growth_and_the_draws),
         cmocka_unit_test(redundant_rows_leave_faintest_first_and_lower_the_cap),
+        cmocka_unit_test(published_runs_delete_half_of_the_growth),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -527,7 +527,8 @@ static void every_pipeline_prunes_redundant_rows(void **state)
             continue;
         fixture *f = make(pipeline, 200, 1e-5f);
         f->options.spare_prune = true;
-        // For mcmc, which limits the pruning of an update to its growth.
+        // For mcmc, which limits the pruning of an update to its growth, and in long runs to half.
+        f->train.iterations = 7000;
         f->options.growth = f->train.pipeline_options.mcmc_growth = 1;
         f->options.max_count = 200;
         f->options.until = 27000;

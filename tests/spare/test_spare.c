@@ -115,19 +115,32 @@ static size_t finite_count(const fixture *f)
     return count;
 }
 
-static uint32_t slow_axis(const fixture *f, const float *column, size_t i, int grid)
+static int compare_values(const void *a, const void *b)
 {
-    double low = 0.0, high = 0.0;
-    int any = 0;
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+// Lower end and length of the padded grid on one axis.
+static void slow_span(const fixture *f, const float *column, const spare_options *o, double span[2])
+{
+    float *sorted = take(f->count, sizeof *sorted);
+    size_t n = 0;
     for (size_t j = 0; j < f->count; ++j)
-        if (finite_centre(f, j)) {
-            low = any ? fmin(low, (double)column[j]) : (double)column[j];
-            high = any ? fmax(high, (double)column[j]) : (double)column[j];
-            any = 1;
-        }
+        if (finite_centre(f, j))
+            sorted[n++] = column[j];
+    qsort(sorted, n, sizeof *sorted, compare_values);
+    const size_t cut = n ? (size_t)(o->grid_quantile * (double)(n - 1)) : 0;
+    const double low = (double)sorted[n ? cut : 0], high = (double)sorted[n ? n - 1 - cut : 0];
     const double pad = fmax((high - low) * 1e-3, 1e-6);
-    const double at = ((double)column[i] - (low - pad)) / (high - low + 2.0 * pad) * grid;
-    return (uint32_t)fmin(fmax(floor(at), 0.0), grid - 1);
+    span[0] = low - pad;
+    span[1] = high - low + 2.0 * pad;
+    sgsi_free(sorted);
+}
+
+static uint32_t slow_axis(double x, const double span[2], int grid)
+{
+    return (uint32_t)fmin(fmax(floor((x - span[0]) / span[1] * grid), 0.0), grid - 1);
 }
 
 static double slow_gradient(const fixture *f, size_t i)
@@ -249,10 +262,15 @@ static opinion slow_opinion(const fixture *f, const spare_options *o, plant erro
                  .redundant = take(f->count, 1)};
     uint32_t *voxel_of = take(f->count, sizeof *voxel_of);
     const uint32_t grid = (uint32_t)o->grid;
+    double span[3][2];
+    slow_span(f, f->x, o, span[0]);
+    slow_span(f, f->y, o, span[1]);
+    slow_span(f, f->z, o, span[2]);
     for (size_t i = 0; i < f->count; ++i)
         if (finite_centre(f, i)) {
-            const uint32_t x = slow_axis(f, f->x, i, o->grid), y = slow_axis(f, f->y, i, o->grid);
-            const uint32_t z = slow_axis(f, f->z, i, o->grid);
+            const uint32_t x = slow_axis((double)f->x[i], span[0], o->grid),
+                           y = slow_axis((double)f->y[i], span[1], o->grid),
+                           z = slow_axis((double)f->z[i], span[2], o->grid);
             voxel_of[i] = error == PLANT_SWAPPED_AXES ? x * grid * grid + y * grid + z
                                                       : z * grid * grid + y * grid + x;
         } else {
@@ -571,6 +589,7 @@ static void every_layout_matches_the_slow_reading(void **state)
                 spare_options options = small_grid();
                 options.phi = (spare_phi)phi;
                 options.rap_require_visible = phi == SPARE_PHI_PLAIN;
+                options.grid_quantile = phi % 2 ? 0.1 : 0.0;
                 evaluate(&f, &options);
                 opinion p = slow_opinion(&f, &options, PLANT_NONE);
                 assert_true(disagreement(&f, &p) <= 1e-10);

@@ -214,6 +214,13 @@ run 1 train "${data[@]}" -o "$temporary/unsaved" --iterations 3 --checkpoint-eve
 one_line
 reports "no checkpoint to resume from: checkpoint/state.bin does not exist; start again with --overwrite"
 
+# a_run_that_was_stopped_before_its_first_iteration_starts
+rm -r "$temporary/unsaved/point_cloud"
+jq '.iterations = 0 | .stop_reason = "signal"' "$temporary/unsaved/summary.json" >"$temporary/stopped.json"
+mv "$temporary/stopped.json" "$temporary/unsaved/summary.json"
+run 0 train "${data[@]}" -o "$temporary/unsaved" --iterations 3 --checkpoint-every 0 --resume
+json "$temporary/unsaved/summary.json" '.iterations == 3'
+
 # the_loop_of_a_batch_system (the same line starts and resumes)
 rm -rf "$temporary/queue"
 batch() {

@@ -21,6 +21,7 @@
 #include <unistd.h>
 
 #include "cli/input_file.h"
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
@@ -89,11 +90,22 @@ bool run_folder_is_used(const run_folder *folder)
     return used;
 }
 
+// False if the summary is that of a run that was stopped before its first iteration.
+static bool summary_has_results(const char *path)
+{
+    json_error_t error;
+    json_t *summary = load_json(path, 0, &error);
+    const json_t *iterations = json_object_get(summary, "iterations");
+    const bool has = !json_is_integer(iterations) || json_integer_value(iterations) > 0;
+    json_decref(summary);
+    return has;
+}
+
 bool run_folder_has_results(const run_folder *folder)
 {
     char *clouds = format_text("%s/point_cloud", folder->path);
     char *summary = format_text("%s/summary.json", folder->path);
-    const bool has = file_exists(clouds) || file_exists(summary);
+    const bool has = file_exists(clouds) || (file_exists(summary) && summary_has_results(summary));
     free(clouds);
     free(summary);
     return has;

@@ -40,7 +40,7 @@ bool run_folder_set_aside(const run_folder *folder);
 bool run_folder_keep_previous(const run_folder *folder);
 void run_folder_restore(const run_folder *folder);
 
-// True if the run in the folder wrote a model or a summary.
+// True if the run in the folder wrote a model or a summary of at least one iteration.
 bool run_folder_has_results(const run_folder *folder);
 
 // Opens the tables. Drops rows after `iteration`, where the run resumes, and rows of structural

@@ -625,8 +625,6 @@ static char *make_json(glb_writer *writer)
 sgs_status sgsi_glb_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written)
 {
-    if (!model->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a GLB file cannot be empty", path);
     glb_writer writer = {.model = model,
                          .colors = &options->colors,
                          .accessors = json_array(),

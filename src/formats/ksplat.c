@@ -435,8 +435,6 @@ sgs_status sgsi_ksplat_write(const char *path, const sgs_gaussians *model,
     const size_t count = model->count, row_size = row_bytes(level, sh_degree);
     bucket_list buckets = {0};
     float sh_range[2];
-    if (!count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a KSPLAT file cannot be empty", path);
     if (model->sh_degree > DEGREE_WRITTEN)
         sgsi_warn("%s: KSPLAT holds SH of degree %d at most; higher degrees are omitted", path,
                   DEGREE_WRITTEN);

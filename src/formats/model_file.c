@@ -267,10 +267,16 @@ static sgs_status check_write_options(const char *path, const sgs_model_write_op
     return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %s", path, wrong) : SGS_STATUS_OK;
 }
 
-// An infinite logit of the opacity is valid. Formats with ranges per chunk or per file would lose
-// other primitives, and many viewers the whole file.
-static sgs_status check_values(const char *path, const sgs_gaussians *model)
+// What formats other than PLY, whose values are stored as they are, cannot hold. An infinite logit
+// of the opacity is valid. Formats with ranges per chunk or per file would lose other primitives,
+// and many viewers the whole file.
+static sgs_status check_model(const char *path, sgs_model_format format, const sgs_gaussians *model)
 {
+    if (format == SGS_MODEL_PLY)
+        return SGS_STATUS_OK;
+    if (!model->count && format != SGS_MODEL_COMPRESSED_PLY)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a file of this format cannot be empty",
+                         path);
     const int used = SGS_PARAM_SH_REST + 3 * sgsi_rest_coefficients(model->sh_degree);
     for (size_t i = 0; i < model->count; ++i)
         for (int k = 0; k < used; ++k) {
@@ -297,8 +303,8 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
                            readable_names);
     if (!status)
         status = check_write_options(path, &own);
-    if (!status && format != SGS_MODEL_PLY) // whose values are stored as they are
-        status = check_values(path, model);
+    if (!status)
+        status = check_model(path, format, model);
     if (!status)
         status = table[format].write(path, model, &own, &result);
     if (status && status != SGS_STATUS_CANCELLED && !error_names(path))

@@ -608,8 +608,6 @@ sgs_status sgsi_lod_sog_write(const char *path, const sgs_gaussians *model,
                               const sgs_model_write_options *options, sgs_model_written *written)
 {
     sgsi_progress progress;
-    if (!model->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a SOG file cannot be empty", path);
     char *folder = sgsi_sog_folder(path);
     lod_writer writer = {.model = model,
                          .options = options,

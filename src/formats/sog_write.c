@@ -397,8 +397,6 @@ sgs_status sgsi_sog_write(const char *path, const sgs_gaussians *model,
 {
     sgsi_archive_file files[SGSI_SOG_FILES] = {0};
     size_t file_count = 0;
-    if (!model->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a SOG file cannot be empty", path);
     char *folder = sgsi_sog_folder(path);
     sgs_status status = folder ? sgsi_sog_encode_model(model, options, files, &file_count)
                                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);

@@ -80,8 +80,6 @@ sgs_status sgsi_splat_write(const char *path, const sgs_gaussians *model,
                             const sgs_model_write_options *options, sgs_model_written *written)
 {
     (void)options;
-    if (!model->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a .splat file cannot be empty", path);
     if (model->sh_degree)
         sgsi_warn("%s: .splat holds no SH; those of degree 1 to %d are omitted", path,
                   model->sh_degree);

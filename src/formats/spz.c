@@ -559,8 +559,6 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
     if ((unsigned)file.axes >= AXES_COUNT)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: spz_axes %d is unknown", path,
                          (int)file.axes);
-    if (!model->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an SPZ file cannot be empty", path);
     sgs_status status = choose_fractional_bits(path, model, &file.fractional_bits);
     if (status)
         return status;

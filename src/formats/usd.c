@@ -186,8 +186,6 @@ sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written)
 {
     sgsi_atomic_file file;
-    if (!model->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: an OpenUSD file cannot be empty", path);
     const sgs_status status = sgsi_atomic_open(&file, path);
     if (status)
         return status;

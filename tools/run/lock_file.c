@@ -8,16 +8,26 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-lock_result lock_file_take(const char *path, int *file)
+static lock_result take(const char *path, int flags, int *descriptor)
 {
-    *file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-    if (*file < 0)
+    *descriptor = open(path, flags | O_CLOEXEC, 0666);
+    if (*descriptor < 0)
         return LOCK_FAILED;
-    if (!flock(*file, LOCK_EX | LOCK_NB))
+    if (!flock(*descriptor, LOCK_EX | LOCK_NB))
         return LOCK_TAKEN;
     const int code = errno;
-    close(*file);
-    *file = -1;
+    close(*descriptor);
+    *descriptor = -1;
     errno = code;
     return code == EWOULDBLOCK || code == EACCES ? LOCK_BUSY : LOCK_FAILED;
+}
+
+lock_result lock_file_take(const char *path, int *descriptor)
+{
+    return take(path, O_RDWR | O_CREAT, descriptor);
+}
+
+lock_result lock_folder_take(const char *path, int *descriptor)
+{
+    return take(path, O_RDONLY | O_DIRECTORY, descriptor);
 }

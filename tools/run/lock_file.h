@@ -9,8 +9,11 @@
 typedef enum lock_result {
     LOCK_TAKEN, // until the descriptor is closed or the process ends
     LOCK_BUSY,  // another process has it
-    LOCK_FAILED // with errno: the file cannot be opened, or the file system has no locks
+    LOCK_FAILED // with errno: the path cannot be opened, or the file system has no locks
 } lock_result;
 
-// Creates the file if necessary; it stays, empty. *file is -1 unless the lock is taken.
-lock_result lock_file_take(const char *path, int *file);
+// Creates the file if necessary; it stays, empty. *descriptor is -1 unless the lock is taken.
+lock_result lock_file_take(const char *path, int *descriptor);
+
+// The same for a folder that exists. Leaves no file.
+lock_result lock_folder_take(const char *path, int *descriptor);

@@ -16,7 +16,6 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -44,30 +43,23 @@ static char *lock_path(const run_folder *folder)
     return format_text("%s/.lock", folder->path);
 }
 
-static bool fail_in_use(const run_folder *folder)
+// False after printing the error if another process has the lock. A failure is only a warning.
+static bool has_lock(const run_folder *folder, lock_result result, int code)
 {
-    fail_run("%s: in use by another training; wait until it ends or choose another folder",
-             folder->path);
-    return false;
+    if (result == LOCK_BUSY)
+        fail_run("%s: in use by another training; wait until it ends or choose another folder",
+                 folder->path);
+    else if (result == LOCK_FAILED)
+        print_warning("%s: cannot lock the folder against a second training: %s", folder->path,
+                      strerror(code));
+    return result != LOCK_BUSY;
 }
 
-static bool lock_without(const run_folder *folder, int code)
-{
-    print_warning("%s: cannot lock the folder against a second training: %s", folder->path,
-                  strerror(code));
-    return true;
-}
-
-// Against the processes of this machine. The lock of a folder leaves no file where nothing can be
-// written, and the kernel releases it when the process ends.
+// Against the processes of this machine, also where nothing can be written.
 static bool lock_folder(run_folder *folder)
 {
-    folder->lock = open(folder->path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder->lock >= 0 && !flock(folder->lock, LOCK_EX | LOCK_NB))
-        return true;
-    if (folder->lock >= 0 && errno == EWOULDBLOCK)
-        return fail_in_use(folder);
-    return lock_without(folder, errno);
+    const lock_result result = lock_folder_take(folder->path, &folder->lock);
+    return has_lock(folder, result, errno);
 }
 
 // Against the processes of all machines that share the file system.
@@ -77,9 +69,7 @@ static bool lock_shared(run_folder *folder)
     const lock_result result = lock_file_take(path, &folder->shared_lock);
     const int code = errno;
     free(path);
-    if (result == LOCK_BUSY)
-        return fail_in_use(folder);
-    return result == LOCK_TAKEN || lock_without(folder, code);
+    return has_lock(folder, result, code);
 }
 
 bool run_folder_is_used(const run_folder *folder)

@@ -128,7 +128,7 @@ typedef enum sgs_exr_compression {
 } sgs_exr_compression;
 
 typedef struct sgs_exr_info {
-    int width, height;
+    int width, height;             // of the planes: the data window
     const double *world_to_camera; // 16, row-major, column vectors (p' = M p), or NULL
     const double *world_to_ndc;    // the same
     const char *depth_definition;  // text attribute "sparegs:depthDefinition", or NULL
@@ -142,12 +142,15 @@ typedef struct sgs_exr_info {
     // Frames per second of the sequence, from 0.001 to 1e6: attribute framesPerSecond, with the
     // rates of NTSC as n 1000/1001. 0 = none.
     double frame_rate;
+    // Pixels of the planes outside the display window, on each of its sides; 0 = none. The display
+    // window begins at (0, 0), the data window at (-overscan, -overscan). `intrinsics` and
+    // world_to_ndc refer to the display window.
+    int overscan;
 } sgs_exr_info;
 
-// Writes a scan-line EXR with data window = display window, Rec. 709 chromaticities and the
-// attributes above. Matrices are stored in EXR's row-vector convention (transposed). Fails with
-// INVALID_ARGUMENT (size, compression, channels, a name used twice), IO, OUT_OF_MEMORY, UNSUPPORTED
-// or INTERNAL (OpenEXR).
+// Writes a scan-line EXR with Rec. 709 chromaticities and the attributes above. Matrices are stored
+// in EXR's row-vector convention (transposed). Fails with INVALID_ARGUMENT (size, overscan,
+// compression, channels, a name used twice), IO, OUT_OF_MEMORY, UNSUPPORTED or INTERNAL (OpenEXR).
 SGS_API sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
                                  const sgs_exr_channel *channels, int channel_count);
 
@@ -160,7 +163,8 @@ typedef struct sgs_deep_sample {
 
 // A deep scan-line EXR, written row by row: float channels A, B, G, R, Z, ZBack. `info` as above;
 // compression is ZIPS, or none for SGS_EXR_NONE. max_samples: per pixel, stored in the header.
-// Fails with INVALID_ARGUMENT (size), IO, OUT_OF_MEMORY or INTERNAL (OpenEXR); *deep is then NULL.
+// Fails with INVALID_ARGUMENT (size, overscan), IO, OUT_OF_MEMORY or INTERNAL (OpenEXR); *deep is
+// then NULL.
 typedef struct sgs_exr_deep sgs_exr_deep;
 SGS_API sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
                                      sgs_exr_deep **deep);

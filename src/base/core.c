@@ -243,6 +243,11 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
     return SGS_STATUS_OK;
 }
 
+size_t sgsi_byte_order_mark(const uint8_t *text)
+{
+    return text[0] == 0xef && text[1] == 0xbb && text[2] == 0xbf ? 3 : 0;
+}
+
 // The number makes the names of a process unique, also of threads that write the same file.
 static char *temporary_name(const char *path)
 {

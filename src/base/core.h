@@ -75,6 +75,10 @@ sgs_status sgsi_file_open(const char *path, FILE **stream, size_t *size);
 // sgsi_free.
 sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_t *size);
 
+// Length of the byte order mark with which programs on Windows begin UTF-8 files, 3 or 0. `text`
+// ends with NUL, as the bytes of sgsi_file_read do.
+size_t sgsi_byte_order_mark(const uint8_t *text);
+
 // Writes a file atomically: "PATH.tmp.NUMBER" is written, flushed, synced and then renamed to PATH.
 // NUMBER consists of the process id and six digits that count the files of the process. Threads may
 // write the same path at the same time: the last commit remains.

@@ -144,7 +144,7 @@ static exr_result_t copy_chunks(sgsi_exr_writer *writer, int height, memory_file
         exr_chunk_info_t chunk;
         result = exr_read_scanline_chunk_info(reader, 0, y, &chunk);
         if (!result)
-            result = exr_write_scanline_chunk(writer->context, 0, y,
+            result = exr_write_scanline_chunk(writer->context, 0, writer->first_line + y,
                                               from->bytes + chunk.data_offset, chunk.packed_size);
     }
     const exr_result_t finished = exr_finish(&reader);
@@ -195,14 +195,13 @@ static sgs_status write_dwaa(const flat_image *image, const char *path, const sg
 sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
                          const sgs_exr_channel *channels, int channel_count)
 {
-    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
-        info->height > SGSI_EXR_MAX_SIDE)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: invalid image size %d x %d", path,
-                         info->width, info->height);
+    sgs_status status = sgsi_exr_check_size(path, info);
+    if (status)
+        return status;
     if (info->compression < 0 || info->compression >= SGS_EXR_COMPRESSION_COUNT)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: unknown EXR compression %d", path,
                          (int)info->compression);
-    sgs_status status = check_channels(path, channels, channel_count);
+    status = check_channels(path, channels, channel_count);
     if (status)
         return status;
     sgs_exr_info own = *info;

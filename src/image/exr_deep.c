@@ -124,10 +124,9 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
         {"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT}, {"G", EXR_PIXEL_FLOAT},
         {"R", EXR_PIXEL_FLOAT}, {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
     *deep = NULL;
-    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
-        info->height > SGSI_EXR_MAX_SIDE)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: invalid image size %d x %d", path,
-                         info->width, info->height);
+    sgs_status status = sgsi_exr_check_size(path, info);
+    if (status)
+        return status;
     sgs_exr_deep *made = sgsi_calloc(1, sizeof *made);
     if (made)
         made->path = sgsi_strdup(path);
@@ -141,12 +140,11 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
     if (zips)
         made->zip =
             sgsi_exr_zip_create(sgsi_threads(), SGSI_EXR_FLOAT_LEVEL, 4 * (size_t)info->width);
-    const sgs_status status =
-        zips && !made->zip
-            ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
-            : sgsi_exr_open(&made->writer, made->path, info, EXR_STORAGE_DEEP_SCANLINE,
-                            zips ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples,
-                            columns, CHANNELS);
+    status = zips && !made->zip
+                 ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
+                 : sgsi_exr_open(&made->writer, made->path, info, EXR_STORAGE_DEEP_SCANLINE,
+                                 zips ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples,
+                                 columns, CHANNELS);
     if (status) {
         free_deep(made);
         return status;
@@ -177,8 +175,9 @@ static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
         result = line->failed
                      ? EXR_ERR_OUT_OF_MEMORY
                      : exr_write_deep_scanline_chunk(
-                           deep->writer.context, 0, deep->next_row + row, line->data,
-                           line->data_bytes, line->unpacked_bytes, line->table, line->table_bytes);
+                           deep->writer.context, 0, deep->writer.first_line + deep->next_row + row,
+                           line->data, line->data_bytes, line->unpacked_bytes, line->table,
+                           line->table_bytes);
     }
     return result;
 }

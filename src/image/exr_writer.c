@@ -121,11 +121,13 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
     if (!info->intrinsics)
         return EXR_ERR_SUCCESS;
     const double *k = info->intrinsics;
-    const double film_width = 36.0, focal = k[0] / info->width * film_width; // mm
-    const exr_attr_v2f_t size = {.x = (float)film_width, .y = (float)(info->height / k[1] * focal)};
+    const double width = info->width - 2 * info->overscan,
+                 height = info->height - 2 * info->overscan;
+    const double film_width = 36.0, focal = k[0] / width * film_width; // mm
+    const exr_attr_v2f_t size = {.x = (float)film_width, .y = (float)(height / k[1] * focal)};
     // Of the image plane at distance 1, y up.
-    const exr_attr_v2f_t center = {.x = (float)((0.5 * info->width - k[2]) / k[0]),
-                                   .y = (float)((k[3] - 0.5 * info->height) / k[1])};
+    const exr_attr_v2f_t center = {.x = (float)((0.5 * width - k[2]) / k[0]),
+                                   .y = (float)((k[3] - 0.5 * height) / k[1])};
     exr_result_t result = exr_attr_set_float(context, 0, "pinholeFocalLength", (float)focal);
     if (!result)
         result = exr_attr_set_v2f(context, 0, "sensorOverallDimensions", &size);
@@ -133,7 +135,7 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
         result = exr_set_pixel_aspect_ratio(context, 0, pixel_aspect(k));
     if (!result)
         result = exr_set_screen_window_center(context, 0, &center);
-    return result ? result : exr_set_screen_window_width(context, 0, (float)(info->width / k[0]));
+    return result ? result : exr_set_screen_window_width(context, 0, (float)(width / k[0]));
 }
 
 // A rational number. Rates such as 23.976 and 29.97 stand for 1000/1001 of the next integer
@@ -185,6 +187,19 @@ static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *in
     return result ? result : set_camera(context, info);
 }
 
+static exr_result_t set_windows(exr_context_t context, const sgs_exr_info *info)
+{
+    const int over = info->overscan;
+    const exr_attr_box2i_t data = {.min = {.x = -over, .y = -over},
+                                   .max = {.x = info->width - over - 1,
+                                           .y = info->height - over - 1}},
+                           display = {.min = {.x = 0, .y = 0},
+                                      .max = {.x = info->width - 2 * over - 1,
+                                              .y = info->height - 2 * over - 1}};
+    const exr_result_t result = exr_set_data_window(context, 0, &data);
+    return result ? result : exr_set_display_window(context, 0, &display);
+}
+
 static int compare_columns(const void *a, const void *b)
 {
     return strcmp(((const sgsi_exr_column *)a)->name, ((const sgsi_exr_column *)b)->name);
@@ -205,6 +220,8 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
     if (!result)
         result =
             exr_initialize_required_attr_simple(context, 0, info->width, info->height, compression);
+    if (!result)
+        result = set_windows(context, info);
     for (int k = 0; !result && k < count; ++k)
         result = exr_add_channel(context, 0, columns[k].name, columns[k].type,
                                  EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
@@ -219,11 +236,25 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
     return result ? result : exr_write_header(context);
 }
 
+sgs_status sgsi_exr_check_size(const char *path, const sgs_exr_info *info)
+{
+    const int shorter = info->width < info->height ? info->width : info->height;
+    if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
+        info->height > SGSI_EXR_MAX_SIDE)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: invalid image size %d x %d", path,
+                         info->width, info->height);
+    if (info->overscan < 0 || info->overscan > (shorter - 1) / 2)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: invalid overscan of %d pixels, the image has %d x %d", path,
+                         info->overscan, info->width, info->height);
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info,
                          exr_storage_t storage, exr_compression_t compression, int max_samples,
                          const sgsi_exr_column *columns, int column_count)
 {
-    *writer = (sgsi_exr_writer){.path = path};
+    *writer = (sgsi_exr_writer){.path = path, .first_line = -info->overscan};
     sgsi_exr_column *sorted = sgsi_alloc((size_t)column_count, sizeof *sorted);
     if (!sorted)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
@@ -354,7 +385,7 @@ static bool zipping_pays(chunk_band *band)
 static exr_result_t write_chunk(const chunk_band *band, size_t item)
 {
     const exr_encode_pipeline_t *encoder = &band->encoders[item];
-    const int y = band->begin + (int)item * band->lines;
+    const int y = band->writer->first_line + band->begin + (int)item * band->lines;
     if (band->results[item])
         return band->results[item];
     if (band->bytes[item])
@@ -383,7 +414,8 @@ static exr_result_t begin_chunks(chunk_band *band, bool zips)
          y += band->lines, ++band->count) {
         exr_chunk_info_t chunk;
         exr_result_t *own = &band->results[band->count];
-        *own = exr_write_scanline_chunk_info(band->writer->context, 0, y, &chunk);
+        *own = exr_write_scanline_chunk_info(band->writer->context, 0, band->writer->first_line + y,
+                                             &chunk);
         if (!*own && zips && !prepare_zip(band, (size_t)chunk.unpacked_size))
             result = EXR_ERR_OUT_OF_MEMORY;
         if (!*own)

@@ -22,6 +22,7 @@ typedef struct sgsi_exr_writer {
     exr_context_t context;
     const char *path; // borrowed
     int write_error;  // errno of the first failed write
+    int first_line;   // y of the first line of the data window
 } sgsi_exr_writer;
 
 // A channel in the header.
@@ -29,6 +30,9 @@ typedef struct sgsi_exr_column {
     const char *name;
     exr_pixel_type_t type;
 } sgsi_exr_column;
+
+// Fails with INVALID_ARGUMENT if the sizes or the overscan are out of range.
+sgs_status sgsi_exr_check_size(const char *path, const sgs_exr_info *info);
 
 // Opens the file and writes its header. Columns are sorted by name, as the format requires. On
 // failure sets the error and removes the file. The writer must not move in memory afterwards.

@@ -559,9 +559,9 @@ bool sgsi_colmap_present(const char *folder)
 // A text file, without the byte order mark that some editors write.
 static lines text_lines(uint8_t *content, size_t size)
 {
-    const size_t mark = size >= 3 && !memcmp(content, "\xEF\xBB\xBF", 3) ? 3 : 0;
-    return (lines){
-        .next = (char *)content + mark, .end = (char *)content + size, .announced = UINT64_MAX};
+    return (lines){.next = (char *)content + sgsi_byte_order_mark(content),
+                   .end = (char *)content + size,
+                   .announced = UINT64_MAX};
 }
 
 // Reads one file with one of the readers.

@@ -447,8 +447,7 @@ static sgs_status parse_file(const char *path, json_t **root)
     const sgs_status status = sgsi_file_read(path, (size_t)1 << 30, &content, &size);
     if (status)
         return status;
-    // Programs on Windows begin UTF-8 files with a byte order mark.
-    const size_t mark = size >= 3 && !memcmp(content, "\xef\xbb\xbf", 3) ? 3 : 0;
+    const size_t mark = sgsi_byte_order_mark(content);
     // Integers as doubles too: integers of many digits are not an error.
     *root = json_loadb((const char *)content + mark, size - mark, JSON_DECODE_INT_AS_REAL, &error);
     sgsi_free(content);

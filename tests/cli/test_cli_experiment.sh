@@ -69,6 +69,18 @@ grep -q "other experiments worked on 1 of 5 runs" "$folder/error" || { cat "$fol
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
 [ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
 
+# Two jobs do not write the results at the same time: the second waits, then reads the runs of both.
+rm "$folder/out/results.json"
+exec 9>"$folder/out/.results"
+flock -n 9
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet 9>&- &
+job=$!
+sleep 1.5
+[ ! -e "$folder/out/results.json" ] && kill -0 "$job" || { echo "FAIL: results were written by two jobs"; exit 1; }
+exec 9>&-
+wait "$job"
+[ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
+
 # Another plan in the same folder is refused before the first run, unless the difference does not affect results.
 cp "$folder/plan.json" "$folder/same.json"
 sed -i 's/"iterations": 70/"iterations": 71/' "$folder/plan.json"

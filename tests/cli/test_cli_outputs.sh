@@ -86,6 +86,51 @@ while read -r channel; do
 done <"$temporary/data"
 check channels_are_alike bash -c "diff <(exrheader '$temporary/all/0009.exr' | sed 's/^file.*//;/^compression/d') \
     <(exrheader '$temporary/dwaa/0009.exr' | sed 's/^file.*//;/^compression/d')"
+# half_floats_for_colours_and_normals_only
+run 0 render "$model" "$room" --view 0009.jpg --aov all --half -o "$temporary/half"
+oiiotool --info -v "$temporary/half/0009.exr" >"$temporary/info"
+for text in 'R (half)' 'G (half)' 'B (half)' 'A (half)' 'N.X (half)' 'N.Z (half)' 'transmittance.T (half)' 'depth.Z (float)' \
+    'depth_median.Z (float)' 'P.Y (float)' 'primitive.id (uint)' 'chromaticities: 0.64' worldToNDC; do
+    check "half has $text" grep -qF "$text" "$temporary/info"
+done
+# Rounding a value up to 1 changes it by at most 2^-12.
+rounded=R,G,B,A,N.X,N.Y,N.Z,transmittance.T
+check half_floats_are_rounded oiiotool --fail 0.00025 "$temporary/all/0009.exr" --ch $rounded "$temporary/half/0009.exr" --ch $rounded --diff
+for channel in $(grep -vxE '(A|N\..|transmittance\.T)' "$temporary/data"); do
+    check "other_channels_are_exact: $channel" oiiotool --fail 0 "$temporary/all/0009.exr" --ch "$channel" "$temporary/half/0009.exr" \
+        --ch "$channel" --diff
+done
+run 0 render "$model" "$room" --view 0009.jpg --downscale 8 --aov rgba --half --white 1e6 --deep -o "$temporary/half_bright"
+oiiotool --stats "$temporary/half_bright/0009.exr" >"$temporary/info"
+check large_values_stay_finite grep -qE 'Stats Max: 65504.* 65504.* 65504' "$temporary/info"
+check deep_files_keep_32_bits bash -c "exrheader '$temporary/half_bright/0009.deep.exr' | grep -q 'R, 32-bit floating-point'"
+# overscan_extends_the_data_window (the photograph's lens; the pixels inside are those of a render without it)
+run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --deep -o "$temporary/plain"
+run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --deep --overscan 24 -o "$temporary/over"
+for name in 0009.exr 0009.deep.exr; do
+    check "only_the_data_window_differs: $name" bash -c "diff <(exrheader '$temporary/plain/$name' | sed 's/^file.*//') \
+        <(exrheader '$temporary/over/$name' | sed 's/^file.*//') >'$temporary/differs'; grep -qx '< dataWindow .*' '$temporary/differs' &&
+        ! grep -vE '^([<>] (dataWindow|chunkCount|maxSamplesPerPixel)|---|[0-9])' '$temporary/differs'"
+done
+check the_data_window_begins_outside bash -c "exrheader '$temporary/over/0009.exr' | grep -q '^dataWindow .*: (-24 -24)'"
+size=$(oiiotool --info "$temporary/plain/0009.exr" | sed 's/.* \([0-9]*\) x *\([0-9]*\), .*/\1x\2/')
+oiiotool "$temporary/over/0009.exr" --crop "$size+0+0" -o "$temporary/inside.exr"
+check the_inside_is_the_plain_view oiiotool --fail 0.004 --failpercent 0.1 --hardfail 0.5 "$temporary/inside.exr" --ch R,G,B,A \
+    "$temporary/plain/0009.exr" --ch R,G,B,A --diff
+check the_border_has_alpha bash -c "oiiotool '$temporary/over/0009.exr' --ch A --crop 24x100-24+0 --printstats |
+    awk '/Stats Avg/ { found = 1; mean = \$3 } END { exit !(found && mean > 0.5) }'"
+oiiotool "$temporary/over/0009.deep.exr" --flatten --ch R,G,B,A -o "$temporary/flat.exr"
+check flattened_with_overscan_is_flat oiiotool --fail 0.001 "$temporary/over/0009.exr" --ch R,G,B,A "$temporary/flat.exr" --diff
+for compression in zip dwaa; do
+    run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --overscan 24 --compression $compression -o "$temporary/coded"
+    check "every_compression_has_the_window: $compression" oiiotool --fail 0.03 --failpercent 1 "$temporary/over/0009.exr" --ch R,G,B,A \
+        "$temporary/coded/0009.exr" --ch R,G,B,A --diff
+    if command -v exrcheck >/dev/null; then check exrcheck_accepts_it exrcheck "$temporary/coded/0009.exr" "$temporary/over/0009.deep.exr"; fi
+done
+run 2 render "$model" "$room" --orbit 2 --overscan 4 --video "$temporary/v.mp4" -o "$temporary/over"
+reports "--overscan and --video are mutually exclusive"
+run 2 render "$model" "$room" --view 0009 --overscan 4 --projection equirectangular -o "$temporary/over"
+reports "--overscan and --projection equirectangular are mutually exclusive"
 # The distance along the axis is at most that along the ray.
 check axis_depth_is_shorter bash -c "oiiotool '$temporary/all/0009.exr' --ch depth.Z '$temporary/axis/0009.exr' --ch depth.Z \
     --sub --printstats | awk '/Stats Min/ { found = 1; least = \$3 } END { exit !(found && least > -1e-4) }'"

@@ -4,6 +4,7 @@
 // EXR files: compared bit by bit after reading with OpenEXR's C library, and with another program
 // (oiiotool, if installed); a failed write keeps the existing file.
 
+#include <limits.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -304,6 +305,59 @@ static void exr_header_has_the_attributes(void **state)
     temp_folder_remove(&folder);
 }
 
+// The data window of every compression begins outside the display window; the film back is that of
+// the display window.
+static void overscan_surrounds_the_display_window(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "over.exr");
+    enum { OVER = 5 };
+    const double k[4] = {60, 60, 30, 20};
+    for (int compression = 0; compression < SGS_EXR_COMPRESSION_COUNT; ++compression) {
+        sgs_exr_info own = info;
+        own.compression = (sgs_exr_compression)compression;
+        own.overscan = OVER;
+        own.intrinsics = k;
+        if (sgs_exr_write(path, &own, channels, CHANNELS))
+            fail_msg("%s", sgs_last_error());
+        exr_context_t context;
+        open_exr(path, &context);
+        exr_attr_box2i_t data, display;
+        assert_int_equal(exr_get_data_window(context, 0, &data), 0);
+        assert_int_equal(exr_get_display_window(context, 0, &display), 0);
+        const exr_attr_box2i_t outer = {.min = {.x = -OVER, .y = -OVER},
+                                        .max = {.x = WIDTH - OVER - 1, .y = HEIGHT - OVER - 1}},
+                               inner = {
+                                   .min = {.x = 0, .y = 0},
+                                   .max = {.x = WIDTH - 2 * OVER - 1, .y = HEIGHT - 2 * OVER - 1}};
+        assert_memory_equal(&data, &outer, sizeof data);
+        assert_memory_equal(&display, &inner, sizeof display);
+        float window;
+        assert_int_equal(exr_get_screen_window_width(context, 0, &window), 0);
+        assert_true(window == (float)((WIDTH - 2 * OVER) / 60.0));
+        exr_finish(&context);
+        static char output[1 << 16];
+        const char *const compare[] = {"oiiotool", path, "--ch", "depth.Z", "--printinfo", NULL};
+        if (run_program(compare, output, sizeof output) == 127)
+            continue;
+        char origin[64];
+        snprintf(origin, sizeof origin, "pixel data origin: x=%d, y=%d", -OVER, -OVER);
+        assert_non_null(strstr(output, origin));
+    }
+    const int refused[] = {-1, (HEIGHT < WIDTH ? HEIGHT : WIDTH) / 2 + 1, 70000, INT_MAX};
+    for (size_t i = 0; i < sizeof refused / sizeof *refused; ++i) {
+        sgs_exr_info own = info;
+        own.overscan = refused[i];
+        assert_int_equal(sgs_exr_write(path, &own, channels, CHANNELS),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        sgs_exr_deep *deep;
+        assert_int_equal(sgs_exr_deep_open(path, &own, 4, &deep), SGS_STATUS_INVALID_ARGUMENT);
+        assert_null(deep);
+    }
+    temp_folder_remove(&folder);
+}
+
 // One value of a pixel (oiiotool reorders the channels).
 static void assert_dumped(const char *dump, int x, int y, const char *value)
 {
@@ -510,6 +564,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(exr_pixels_round_trip),
         cmocka_unit_test(exr_header_has_the_attributes),
+        cmocka_unit_test(overscan_surrounds_the_display_window),
         cmocka_unit_test(exr_is_readable_by_another_program),
         cmocka_unit_test(exr_dwaa_is_lossy_for_colors_only),
         cmocka_unit_test(exr_dwaa_of_one_channel_is_zip),

@@ -293,7 +293,7 @@ static char *post_rows(char *rows, const experiment_run *run, const json_t *resu
 }
 
 // Writes the results of all completed runs.
-static bool write_results(const experiment_plan *plan, const char *folder)
+static bool write_results_locked(const experiment_plan *plan, const char *folder)
 {
     json_t *root = json_result_new(), *list = json_array();
     char *csv = csv_header(), *points = post_header();
@@ -329,6 +329,20 @@ static bool write_results(const experiment_plan *plan, const char *folder)
     free(post_path);
     free(csv);
     free(points);
+    return written;
+}
+
+// The same. Another experiment with the same plan, which may complete a run now, waits: otherwise
+// the older list of runs could replace the newer one.
+static bool write_results(const experiment_plan *plan, const char *folder)
+{
+    int lock;
+    char *path = format_text("%s/.results", folder);
+    lock_file_wait(path, &lock);
+    const bool written = write_results_locked(plan, folder);
+    if (lock >= 0)
+        close(lock);
+    free(path);
     return written;
 }
 

@@ -36,11 +36,11 @@ typedef struct render_values {
     const char *output, *view, *camera;
     int split, format, encoding, depth, compression;
     unsigned aovs, save_cameras;
-    bool reference, deep;
+    bool reference, half, deep;
     double deep_tolerance;
     int deep_max;
     const char *frames, *size, *film, *depth_range;
-    int orbit, spiral, projection, samples, path_lens;
+    int orbit, spiral, projection, samples, path_lens, overscan;
     double arc;
     double aperture, focus, fps;
 } render_values;
@@ -229,6 +229,23 @@ static const option render_options[] = {
      .needs = "output&format=exr|deep",
      .help = "EXR compression; auto uses zip for data that shrink by at least a third, else none; "
              "dwaa is lossy for colour; deep files use zips for all but none"},
+    {.name = "half",
+     .kind = OPTION_FLAG,
+     .offset = AT(half),
+     .needs = "output&format=exr&aov=rgba|aov=transmittance|aov=normal",
+     .help = "store colour, alpha, transmittance and normals in EXR files as half floats; depth, "
+             "position and deep files keep 32 bits"},
+    {.name = "overscan",
+     .kind = OPTION_INTEGER,
+     .offset = AT(overscan),
+     .low = 0,
+     .high = 16384,
+     .argument = "N",
+     .initial = "0",
+     .unit = "pixels",
+     .needs = "output&format=exr",
+     .help = "render this many more pixels on each side: the data window of the EXR files, around "
+             "the display window"},
     {.name = "deep",
      .kind = OPTION_FLAG,
      .offset = AT(deep),
@@ -292,6 +309,7 @@ static view_options view_options_from(const render_values *values, double path_f
                           .reference = values->reference,
                           .encoding = (exr_encoding)values->encoding,
                           .compression = (sgs_exr_compression)values->compression,
+                          .half = values->half,
                           .deep = values->deep,
                           .deep_options = {.struct_size = sizeof(sgs_deep_options),
                                            .tolerance = values->deep_tolerance,
@@ -301,6 +319,7 @@ static view_options view_options_from(const render_values *values, double path_f
                                                      : 1,
                           .aperture = values->aperture,
                           .focus = values->focus,
+                          .overscan = values->overscan,
                           .film = values->film,
                           .fps = rate > 0 ? rate : DEFAULT_FPS,
                           .frame_rate = rate};
@@ -580,6 +599,11 @@ static int check_values(const command_line *line, const render_values *values,
             : values->aperture > 0      ? "--aperture"
             : values->output && sampled ? "--spp"
                                         : "--video without -o");
+    if (values->overscan > 0 && (values->film || values->projection))
+        return fail_usage("--overscan and %s are mutually exclusive; %s",
+                          values->film ? "--video" : "--projection equirectangular",
+                          values->film ? "the frames of a video have no data window"
+                                       : "a panorama shows all directions");
     if (values->focus > 0 && !(values->aperture > 0))
         return fail_usage(
             "--focus has no effect with --aperture 0; set a lens diameter with --aperture");

@@ -5,6 +5,7 @@
 // The quantities of --aov: their words and bits, and one row per quantity with its planes of a
 // frame, its channels in an EXR and its PNG.
 
+#include <stdbool.h>
 #include <stddef.h>
 
 // Identifiers and words in the order of help, layers and files; the rows are in aov_list.c.
@@ -56,6 +57,7 @@ typedef struct aov_row {
     const char *source; // row of the library's table (sparegs/aov_descriptors.h)
     aov_made made;
     const char *channels[5]; // names in an EXR, NULL after the last
+    bool half; // the channels may be stored as half floats: colours, shares and directions
     aov_picture picture;
 } aov_row;
 

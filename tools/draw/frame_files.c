@@ -67,6 +67,16 @@ static void linearise(const frame_files *files, sgs_frame *frame)
     }
 }
 
+// Larger values would become infinite.
+static void limit_to_half(sgs_frame *frame)
+{
+    const float most = 65504;
+    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
+    for (int c = 0; c < 3; ++c)
+        for (size_t i = 0; i < pixels; ++i)
+            frame->color[c][i] = fminf(frame->color[c][i], most);
+}
+
 static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, double to_camera[16],
                             double near_distance, double to_ndc[16])
 {
@@ -157,11 +167,12 @@ static bool make_planes(const frame_files *files, const sgs_frame *frame, made_p
 }
 
 // Channel c of row k in an EXR.
-static sgs_exr_channel channel_of(int k, int c, const sgs_frame *frame, const made_planes *made)
+static sgs_exr_channel channel_of(int k, int c, bool half, const sgs_frame *frame,
+                                  const made_planes *made)
 {
     const aov_row *row = &aov_rows[k];
     const sgs_aov *source = sgs_aov_find(row->source);
-    sgs_exr_channel channel = {.name = row->channels[c]};
+    sgs_exr_channel channel = {.name = row->channels[c], .half = half && row->half};
     if (row->made == AOV_MADE_REGION)
         channel.uints = made->region;
     else if (row->made == AOV_MADE_SLACK)
@@ -180,13 +191,13 @@ static sgs_exr_channel channel_of(int k, int c, const sgs_frame *frame, const ma
 // The channels of an EXR file, at most EXR_CHANNELS.
 enum { EXR_CHANNELS = 4 * AOV_ROWS };
 
-static int list_channels(unsigned aovs, const sgs_frame *frame, const made_planes *made,
+static int list_channels(const frame_files *files, const sgs_frame *frame, const made_planes *made,
                          sgs_exr_channel *channels)
 {
     int count = 0;
     for (int k = 0; k < AOV_ROWS; ++k)
-        for (int c = 0; aovs >> k & 1 && aov_rows[k].channels[c]; ++c)
-            channels[count++] = channel_of(k, c, frame, made);
+        for (int c = 0; files->aovs >> k & 1 && aov_rows[k].channels[c]; ++c)
+            channels[count++] = channel_of(k, c, files->half, frame, made);
     return count;
 }
 
@@ -197,10 +208,14 @@ typedef struct view_matrices {
 
 static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matrices *matrices)
 {
-    camera_matrices(files->camera, files->pose, matrices->to_camera, files->near_distance,
+    const int over = files->overscan;
+    sgs_camera shown = sgs_camera_shifted(files->camera, -over, -over); // the display window
+    shown.width -= 2 * over;
+    shown.height -= 2 * over;
+    camera_matrices(&shown, files->pose, matrices->to_camera, files->near_distance,
                     matrices->to_ndc);
     double *k = matrices->intrinsics;
-    sgs_camera_intrinsics(files->camera, &k[0], &k[1], &k[2], &k[3]);
+    sgs_camera_intrinsics(&shown, &k[0], &k[1], &k[2], &k[3]);
     const bool is_latlong = files->camera->model == SGS_CAMERA_EQUIRECTANGULAR;
     const bool is_perspective = !is_latlong && !sgs_camera_is_fisheye(files->camera->model);
     return (sgs_exr_info){.width = files->camera->width,
@@ -215,7 +230,8 @@ static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matr
                                                                   : ray_depth,
                           .view_name = files->name,
                           .compression = files->compression,
-                          .frame_rate = files->frame_rate};
+                          .frame_rate = files->frame_rate,
+                          .overscan = over};
 }
 
 static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame,
@@ -227,7 +243,7 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
     const sgs_exr_info info = describe(files, any_depth, &matrices);
     if (!make_folder_of(path))
         return false;
-    if (sgs_exr_write(path, &info, channels, list_channels(files->aovs, frame, made, channels))) {
+    if (sgs_exr_write(path, &info, channels, list_channels(files, frame, made, channels))) {
         fail_library();
         return false;
     }
@@ -243,6 +259,8 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame)
     bool written = make_planes(files, frame, &made);
     if (written && files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA)
         linearise(files, frame);
+    if (written && files->half && files->aovs & AOV_RGBA)
+        limit_to_half(frame);
     written = written && write_exr(files, path, frame, &made);
     free(path);
     free_planes(&made);

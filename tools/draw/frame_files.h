@@ -16,12 +16,14 @@ typedef enum exr_encoding { EXR_LINEAR = 0, EXR_SRGB = 1 } exr_encoding;
 typedef struct frame_files {
     const char *folder, *stem; // see file_stems.h
     const char *name;          // of the view, with its extension
-    const sgs_camera *camera;
+    const sgs_camera *camera;  // with the overscan
     const sgs_pose *pose;
+    int overscan; // EXR only: pixels of the camera around the display window
     unsigned aovs;
     bool axis_depth;                 // distances are along the camera axis
     exr_encoding encoding;           // EXR only
     sgs_exr_compression compression; // EXR only
+    bool half;                       // flat EXR only: half floats where aov_row.half
     double frame_rate;               // EXR only: frames per second, 0 = unknown
     float background[3];             // PNG only
     sgs_space space;                 // of the frame's colours

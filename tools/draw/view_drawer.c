@@ -360,17 +360,28 @@ static void start_writing(view_drawer *drawer)
 }
 
 // Draws a view and waits until the previous one is written.
+static sgs_camera with_overscan(const sgs_camera *camera, int pixels)
+{
+    sgs_camera larger = sgs_camera_shifted(camera, pixels, pixels);
+    larger.width += 2 * pixels;
+    larger.height += 2 * pixels;
+    return larger;
+}
+
 static bool draw_view(view_drawer *drawer, const named_camera *view)
 {
     const view_options *o = drawer->options;
     sgs_render_options options = drawing_render_options(drawer->drawing);
+    sgs_camera *camera = &drawer->cameras[drawer->frame != drawer->frames];
+    *camera = with_overscan(&view->camera, o->overscan);
     options.axis_depth = o->axis_depth;
-    if (o->axis_depth && !has_axis_depth(view->name, &view->camera))
+    if (o->axis_depth && !has_axis_depth(view->name, camera))
         return false;
     frame_files files = {.folder = o->folder,
                          .stem = view->stem,
                          .name = view->name,
-                         .camera = &view->camera,
+                         .camera = camera,
+                         .overscan = o->overscan,
                          .pose = &view->pose,
                          .aovs = o->aovs,
                          .regions = o->regions,
@@ -378,6 +389,7 @@ static bool draw_view(view_drawer *drawer, const named_camera *view)
                          .axis_depth = o->axis_depth,
                          .encoding = o->encoding,
                          .compression = o->compression,
+                         .half = o->half,
                          .frame_rate = o->frame_rate,
                          .space = drawer->drawing->space,
                          .white_point = (float)drawer->drawing->white_point,

@@ -19,6 +19,7 @@ typedef struct view_options {
     value_range depth_range; // of PNG files; {0, 0} = measured
     exr_encoding encoding;
     sgs_exr_compression compression;
+    bool half; // flat EXR files: half floats where aov_row.half
     bool deep;
     sgs_deep_options deep_options;
     int samples;            // samples per pixel; 1 = the pixel centre
@@ -26,6 +27,7 @@ typedef struct view_options {
     const char *film;       // or NULL
     double fps;             // of `film`
     double frame_rate;      // recorded in EXR files, 0 = none
+    int overscan;           // pixels around the views; EXR only
 } view_options;
 
 typedef struct view_drawer {
@@ -36,8 +38,9 @@ typedef struct view_drawer {
     double *params;         // with a reference
     sgs_frame
         frames[2]; // one is rendered while the other is written; reused for views of the same size
-    sgs_frame *frame;  // the frame being rendered
-    sgs_frame sampled; // one sample of it
+    sgs_camera cameras[2]; // of these frames, with the overscan
+    sgs_frame *frame;      // the frame being rendered
+    sgs_frame sampled;     // one sample of it
     picture_ranges ranges;
     frame_files files;   // of the view being written
     sgs_frame *finished; // the frame being written

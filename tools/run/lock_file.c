@@ -8,12 +8,16 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-static lock_result take(const char *path, int flags, int *descriptor)
+static lock_result take(const char *path, int flags, int operation, int *descriptor)
 {
     *descriptor = open(path, flags | O_CLOEXEC, 0666);
     if (*descriptor < 0)
         return LOCK_FAILED;
-    if (!flock(*descriptor, LOCK_EX | LOCK_NB))
+    int failed;
+    do
+        failed = flock(*descriptor, operation);
+    while (failed && errno == EINTR);
+    if (!failed)
         return LOCK_TAKEN;
     const int code = errno;
     close(*descriptor);
@@ -24,10 +28,15 @@ static lock_result take(const char *path, int flags, int *descriptor)
 
 lock_result lock_file_take(const char *path, int *descriptor)
 {
-    return take(path, O_RDWR | O_CREAT, descriptor);
+    return take(path, O_RDWR | O_CREAT, LOCK_EX | LOCK_NB, descriptor);
+}
+
+lock_result lock_file_wait(const char *path, int *descriptor)
+{
+    return take(path, O_RDWR | O_CREAT, LOCK_EX, descriptor);
 }
 
 lock_result lock_folder_take(const char *path, int *descriptor)
 {
-    return take(path, O_RDONLY | O_DIRECTORY, descriptor);
+    return take(path, O_RDONLY | O_DIRECTORY, LOCK_EX | LOCK_NB, descriptor);
 }

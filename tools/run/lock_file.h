@@ -15,5 +15,9 @@ typedef enum lock_result {
 // Creates the file if necessary; it stays, empty. *descriptor is -1 unless the lock is taken.
 lock_result lock_file_take(const char *path, int *descriptor);
 
-// The same for a folder that exists. Leaves no file.
+// The same, but waits while another process has the lock: for work of milliseconds. Never
+// LOCK_BUSY.
+lock_result lock_file_wait(const char *path, int *descriptor);
+
+// As lock_file_take for a folder that exists. Leaves no file.
 lock_result lock_folder_take(const char *path, int *descriptor);

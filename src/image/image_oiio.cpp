@@ -580,6 +580,22 @@ sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_ro
     });
 }
 
+namespace
+{
+
+// A file encoded in memory, for the caller, who releases it with sgsi_free.
+sgs_status copy_encoded(const std::vector<unsigned char> &encoded, uint8_t **bytes, size_t *size)
+{
+    *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
+    if (!*bytes)
+        throw std::bad_alloc();
+    std::memcpy(*bytes, encoded.data(), encoded.size());
+    *size = encoded.size();
+    return SGS_STATUS_OK;
+}
+
+} // namespace
+
 sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, const char *description,
                                 uint8_t **bytes, size_t *size)
 {
@@ -616,12 +632,7 @@ sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, const
         if (!output->close())
             return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
                              one_line(output->geterror()).c_str());
-        *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
-        if (!*bytes)
-            throw std::bad_alloc();
-        std::memcpy(*bytes, encoded.data(), encoded.size());
-        *size = encoded.size();
-        return SGS_STATUS_OK;
+        return copy_encoded(encoded, bytes, size);
     });
 }
 
@@ -692,11 +703,6 @@ sgs_status sgsi_oiio_dwaa_encode(const char *path, const sgs_exr_info *info,
         if (!output->write_image(OIIO::TypeDesc::UNKNOWN, pixels.data()) || !output->close())
             return sgsi_fail(SGS_STATUS_IO, "%s: cannot be encoded: %s", path,
                              one_line(output->geterror()).c_str());
-        *bytes = static_cast<uint8_t *>(sgsi_alloc(encoded.size(), 1));
-        if (!*bytes)
-            throw std::bad_alloc();
-        std::memcpy(*bytes, encoded.data(), encoded.size());
-        *size = encoded.size();
-        return SGS_STATUS_OK;
+        return copy_encoded(encoded, bytes, size);
     });
 }

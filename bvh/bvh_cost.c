@@ -11,7 +11,9 @@
 #include "bvh/embree_include.h"
 #include "base/threads.h"
 
-enum { BRANCHES = 8, LEAF_REFIT = 8 };
+// As in Embree's BVHNBuilderSAH for user geometry. Its heuristic counts primitives in blocks of as
+// many as a node has children, so a REFIT tree has a leaf wherever its primitives fit into a block.
+enum { BRANCHES = 8, BRANCHES_SSE = 4, LEAF_REFIT = 7 };
 
 typedef struct box {
     float lower[3], upper[3];
@@ -94,7 +96,7 @@ static double shared_area(const box *a, const box *b)
 
 typedef struct measure_sums {
     const sgsi_bounds *bounds;
-    double cost, shared, inner; // areas
+    double leaf, shared, inner; // areas; leaf: times the primitives
     size_t nodes, leaves;
 } measure_sums;
 
@@ -107,7 +109,7 @@ static box measure_node(measure_sums *sums, const tree_node *node)
         for (unsigned i = 0; i < node->primitive_count; ++i)
             widen(&own, sums->bounds[node->primitives[i]].lower,
                   sums->bounds[node->primitives[i]].upper);
-        sums->cost += area(&own) * node->primitive_count;
+        sums->leaf += area(&own) * node->primitive_count;
         return own;
     }
     box children[BRANCHES];
@@ -118,7 +120,6 @@ static box measure_node(measure_sums *sums, const tree_node *node)
             sums->shared += shared_area(&children[i], &children[j]);
     }
     sums->inner += area(&own);
-    sums->cost += area(&own);
     return own;
 }
 
@@ -161,7 +162,10 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
         struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
         arguments.buildQuality =
             quality == SGSI_BVH_LOW ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
-        arguments.maxBranchingFactor = BRANCHES;
+        const bool wide =
+            rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) != 0;
+        arguments.maxBranchingFactor = wide ? BRANCHES : BRANCHES_SSE;
+        arguments.sahBlockSize = arguments.maxBranchingFactor;
         arguments.minLeafSize = 1;
         arguments.maxLeafSize = quality == SGSI_BVH_REFIT ? LEAF_REFIT : 1;
         arguments.bvh = tree;
@@ -178,7 +182,8 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
         measure_sums sums = {.bounds = bounds};
         const box all = measure_node(&sums, root);
         const double surface = area(&all);
-        *cost = (sgsi_bvh_cost){.cost = surface > 0 ? sums.cost / surface : 0,
+        *cost = (sgsi_bvh_cost){.cost = surface > 0 ? (sums.inner + sums.leaf) / surface : 0,
+                                .primitives = surface > 0 ? sums.leaf / surface : 0,
                                 .overlap = sums.inner > 0 ? sums.shared / sums.inner : 0,
                                 .nodes = sums.nodes,
                                 .leaves = sums.leaves};

@@ -3,9 +3,9 @@
 #pragma once
 
 // Quality of a tree: its surface-area cost and the overlap of its boxes. Embree does not expose the
-// trees of its scenes, so these figures describe the tree that rtcBuildBVH builds with the same
-// quality (HIGH as MEDIUM, because user geometry has no spatial splits), with one primitive per
-// leaf (REFIT: up to eight, as in a two-level scene).
+// trees of its scenes, so these figures describe the tree that rtcBuildBVH builds with the settings
+// of Embree's builders for user geometry: eight children (four without AVX), one primitive per
+// leaf, up to seven with REFIT; HIGH as MEDIUM, because user geometry has no spatial splits.
 
 #include "bvh/bvh.h"
 
@@ -14,6 +14,7 @@ typedef struct sgsi_bvh_cost {
     // over nodes of their area divided by the area of the root, leaves times their primitives
     // (Goldsmith and Salmon 1987; MacDonald and Booth 1990).
     double cost;
+    double primitives; // the primitives alone: those that Embree reports for such a ray
     // Surface shared by two children of a node, relative to the surface of the node, summed over
     // pairs; area-weighted mean.
     double overlap;

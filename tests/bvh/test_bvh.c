@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "bvh/bvh.h"
+#include "bvh/bvh_cost.h"
 #include "sparegs/render.h"
 #include "base/core.h"
 #include "base/threads.h"
@@ -340,6 +341,86 @@ static void axis_aligned_rays_in_a_grid_lose_no_box(void **state)
     sgsi_free(boxes);
 }
 
+// A uniform random line: a packet of one ray that starts outside of all boxes.
+static sgsi_packet make_line(uint64_t *counter)
+{
+    enum { SEED = 40 };
+    const double radius = 25, turn = uniform(SEED, counter, 0, 6.283185307179586),
+                 z = uniform(SEED, counter, -1, 1), across = sqrt(1 - z * z);
+    const double d[3] = {across * cos(turn), across * sin(turn), z},
+                 e[3] = {-sin(turn), cos(turn), 0}, f[3] = {-z * cos(turn), -z * sin(turn), across};
+    const double r = radius * sqrt(uniform(SEED, counter, 0, 1)),
+                 a = uniform(SEED, counter, 0, 6.283185307179586);
+    sgsi_packet packet = {.valid = 1, .far = {INFINITY}};
+    for (int k = 0; k < 3; ++k) {
+        packet.origin[k] = (float)(r * (cos(a) * e[k] + sin(a) * f[k]) - 2 * radius * d[k]);
+        packet.direction[k][0] = (float)d[k];
+    }
+    return packet;
+}
+
+// Mean number of primitives that a tree reports for lines through the box around all of them.
+static double reported_per_line(const sgsi_bvh *bvh, const sgsi_bounds *boxes, size_t count)
+{
+    enum { LINES = 60000 };
+    sgsi_bounds all = boxes[0];
+    for (size_t i = 0; i < count; ++i)
+        for (int k = 0; k < 3; ++k) {
+            all.lower[k] = fminf(all.lower[k], boxes[i].lower[k]);
+            all.upper[k] = fmaxf(all.upper[k], boxes[i].upper[k]);
+        }
+    sgsi_gather_list list = {0};
+    uint64_t counter = 0;
+    double lines = 0;
+    for (int i = 0; i < LINES; ++i) {
+        const sgsi_packet packet = make_line(&counter);
+        assert_int_equal(sgsi_bvh_gather(bvh, &packet, &list), SGS_STATUS_OK);
+        lines += isfinite(entry(&packet, 0, &all));
+    }
+    const double reported = (double)list.count / lines;
+    sgsi_free(list.ids);
+    return reported;
+}
+
+// The surface-area cost describes the trees of Embree's scenes, also of refitted ones: lines hit
+// boxes in proportion to their surface.
+static void the_cost_predicts_the_reported_primitives(void **state)
+{
+    (void)state;
+    enum { COUNT = 3000 };
+    sgsi_bounds *boxes = make_boxes(COUNT, 12), *moved = make_boxes(COUNT, 12);
+    uint64_t counter = 0;
+    for (size_t i = 0; i < COUNT; ++i)
+        for (int k = 0; k < 3; ++k) {
+            const float shift = (float)uniform(41, &counter, -0.5, 0.5);
+            moved[i].lower[k] += shift;
+            moved[i].upper[k] += shift;
+        }
+    for (int quality = SGSI_BVH_LOW; quality < SGSI_BVH_QUALITY_COUNT; ++quality) {
+        sgsi_bvh_cost cost;
+        sgsi_bounds *now = make_boxes(COUNT, 12); // the tree reads the boxes when it is refitted
+        sgsi_bvh *bvh = make_bvh(now, COUNT, (sgsi_bvh_quality)quality);
+        const bool refits = quality == SGSI_BVH_REFIT;
+        for (int round = 0; round < 1 + refits; ++round) {
+            memcpy(now, round ? moved : boxes, COUNT * sizeof *now);
+            assert_int_equal(sgsi_bvh_refit(bvh), SGS_STATUS_OK);
+            assert_int_equal(
+                sgsi_bvh_cost_measure(boxes, now, COUNT, (sgsi_bvh_quality)quality, &cost),
+                SGS_STATUS_OK);
+            const double reported = reported_per_line(bvh, now, COUNT);
+            print_message("%s%s: %.2f primitives per line, %.2f expected, cost %.2f\n",
+                          quality_names[quality], round ? ", refitted" : "", reported,
+                          cost.primitives, cost.cost);
+            assert_true(fabs(reported / cost.primitives - 1) < 0.05);
+            assert_true(cost.cost > cost.primitives + 1);
+        }
+        sgsi_bvh_destroy(bvh);
+        sgsi_free(now);
+    }
+    sgsi_free(boxes);
+    sgsi_free(moved);
+}
+
 static void failed_list_growth_is_reported_and_list_stays_usable(void **state)
 {
     (void)state;
@@ -540,6 +621,7 @@ int main(void)
         cmocka_unit_test(far_limits_cull_only_boxes_behind_them),
         cmocka_unit_test(invalid_lanes_gather_nothing),
         cmocka_unit_test(axis_aligned_rays_in_a_grid_lose_no_box),
+        cmocka_unit_test(the_cost_predicts_the_reported_primitives),
         cmocka_unit_test(failed_list_growth_is_reported_and_list_stays_usable),
         cmocka_unit_test(a_missing_device_reports_the_reason),
         cmocka_unit_test(a_missing_scene_or_geometry_fails_the_build_only),

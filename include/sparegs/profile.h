@@ -63,9 +63,10 @@ typedef struct sgs_profile {
     // 0.1 for a single repetition.
     double noise;
     // For the view, with the refitted tree.
-    double callbacks, candidates, block_tests, evaluations, block_hits;
-    double tile_hits;      // (tile, primitive) pairs with a hit
-    double macrotile_hits; // (macrotile, primitive) pairs with a hit
+    double callbacks, candidates, block_tests, evaluations;
+    double block_hits;     // (block, primitive) pairs with a counted hit
+    double tile_hits;      // (tile, primitive) pairs with a counted hit
+    double macrotile_hits; // (macrotile, primitive) pairs with a counted hit
     double hits;           // counted hits of all rays
     // Means over the sampled rays, by brute force: hits until termination, hits without
     // termination, fraction of terminated rays. NaN without samples.

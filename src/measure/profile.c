@@ -49,7 +49,8 @@ typedef struct profile_job {
     sgsi_view view;
     sgsi_planes planes;
     sgsi_tile_cost *costs;                 // [tiles]
-    float *block;                          // memory of the planes
+    float *block;                          // memory of the planes and of `hits`
+    float *hits;                           // a plane
     float *depth_bounds;                   // [tiles], input of the gather with depth bounds
     double second[SGS_PROFILE_KIND_COUNT]; // second best gather time
     sgs_profile *out;
@@ -125,9 +126,7 @@ static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
             const size_t pixel = (size_t)y * (size_t)out->width + (size_t)x;
             const sgsi_tile_list *list = &lists[y / SGSI_TILE * out->tiles_x + x / SGSI_TILE];
             const int b = y % SGSI_TILE / 4 * 4 + x % SGSI_TILE / 4;
-            out->pixel_hits[pixel] = job->planes.hits[(size_t)y * job->planes.stride + (size_t)x];
             out->pixel_block_hits[pixel] = (float)(list->block_begin[b + 1] - list->block_begin[b]);
-            out->hits += (double)out->pixel_hits[pixel];
         }
     for (int t = 0; t < out->tiles_x * out->tiles_y; ++t) {
         out->tile_candidates[t] = (float)job->costs[t].candidates;
@@ -163,8 +162,9 @@ static sgs_status count_macrotile_hits(const profile_job *job, const sgsi_tracer
     return SGS_STATUS_OK;
 }
 
-// Records counts and maps of the forward pass over the refitted tree.
-static sgs_status record_pass(const profile_job *job, const sgsi_tracer *tracer)
+// Records counts and maps of the forward pass over the refitted tree. Hits of pixels come from a
+// second pass: counting them takes time, and lists then contain hits that do not count.
+static sgs_status record_pass(const profile_job *job, sgsi_tracer *tracer)
 {
     sgs_profile *out = job->out;
     const sgsi_trace_counts counts = sgsi_tracer_counts(tracer);
@@ -174,7 +174,19 @@ static sgs_status record_pass(const profile_job *job, const sgsi_tracer *tracer)
     out->evaluations = (double)counts.evaluations;
     out->block_hits = (double)counts.block_hits;
     fill_maps(job, tracer);
-    return count_macrotile_hits(job, tracer);
+    sgs_status status = count_macrotile_hits(job, tracer);
+    if (status)
+        return status;
+    sgsi_planes planes = job->planes;
+    planes.hits = job->hits;
+    status = sgsi_tracer_forward(tracer, &job->view, &planes, NULL, false);
+    for (int y = 0; !status && y < out->height; ++y)
+        for (int x = 0; x < out->width; ++x) {
+            const float hits = planes.hits[(size_t)y * planes.stride + (size_t)x];
+            out->pixel_hits[(size_t)y * (size_t)out->width + (size_t)x] = hits;
+            out->hits += (double)hits;
+        }
+    return status;
 }
 
 static void record_gather(profile_job *job, sgs_profile_kind kind, double seconds)
@@ -380,6 +392,9 @@ static sgs_status sample_rays(profile_job *job)
 
 static sgs_status check_options(const sgs_profile_options *o, const sgs_render_options *render)
 {
+    const sgs_status status = sgsi_render_options_check(render);
+    if (status)
+        return status;
     if (o->refits < 0 || o->repeat < 1 || o->samples < 0 || o->samples > SAMPLES_MAX ||
         !(o->step >= 0))
         return sgsi_fail(
@@ -429,8 +444,8 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
                                 .height = out->height,
                                 .stride = stride,
                                 .color = {job->block, job->block + plane, job->block + 2 * plane},
-                                .transmittance = job->block + 3 * plane,
-                                .hits = job->block + 4 * plane};
+                                .transmittance = job->block + 3 * plane};
+    job->hits = job->block + 4 * plane;
     return copy_young(job);
 }
 

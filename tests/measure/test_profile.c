@@ -79,7 +79,7 @@ static void every_stage_is_conservative(void **state)
     assert_true(p->macrotile_hits > 0 && p->macrotile_hits <= p->tile_hits);
     assert_true(p->tile_hits <= p->candidates && p->block_hits <= p->evaluations);
     assert_true(p->evaluations <= p->block_tests && p->block_tests == 16 * p->candidates);
-    assert_true(p->hits <= 16 * p->block_hits && p->block_hits <= p->hits + p->evaluations);
+    assert_true(p->hits <= 16 * p->block_hits && p->block_hits <= p->hits);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *tree = &p->trees[k];
         assert_true(tree->callbacks >= p->macrotile_hits); // conservative for any tree
@@ -96,6 +96,47 @@ static void every_stage_is_conservative(void **state)
         assert_true(p->tile_seconds[t] >= 0);
     }
     assert_true(candidates == p->candidates && evaluations == p->evaluations);
+    sgs_profile_destroy(p);
+    oracle_scene_free(&scene);
+}
+
+// Pairs of blocks of `side` pixels and primitives with a counted hit, by the oracle.
+static double pairs_with_a_hit(const oracle_scene *scene, const sgs_camera *camera,
+                               const sgs_pose *pose, int side)
+{
+    const sgs_render_options options = sgs_render_options_default();
+    sgs_hit hits[COUNT];
+    double pairs = 0;
+    for (int y0 = 0; y0 < HEIGHT; y0 += side)
+        for (int x0 = 0; x0 < WIDTH; x0 += side) {
+            bool seen[COUNT] = {false};
+            for (int y = y0; y < y0 + side && y < HEIGHT; ++y)
+                for (int x = x0; x < x0 + side && x < WIDTH; ++x) {
+                    const size_t count = sgs_reference_hits(scene->params, scene->count, camera,
+                                                            pose, &options, x, y, hits, COUNT);
+                    for (size_t i = 0; i < count; ++i)
+                        seen[hits[i].primitive] = true;
+                }
+            for (size_t i = 0; i < scene->count; ++i)
+                pairs += seen[i];
+        }
+    return pairs;
+}
+
+// Most rays end in front of most primitives, whose hits do not count.
+static void pairs_have_a_counted_hit(void **state)
+{
+    (void)state;
+    const oracle_range opaque = {1.0, 0.2, 0.5, 0.9, 0.99, 0};
+    oracle_scene scene = oracle_random_model(12, 100, &opaque);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT);
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    sgs_profile *p = profile_of(&scene, &camera, &pose, 0, 0);
+    const double blocks = pairs_with_a_hit(&scene, &camera, &pose, 4),
+                 tiles = pairs_with_a_hit(&scene, &camera, &pose, 16);
+    assert_true(tiles > 100 && fabs(p->tile_hits - tiles) <= 5e-3 * tiles);
+    assert_true(fabs(p->block_hits - blocks) <= 5e-3 * blocks);
+    assert_true(p->macrotile_hits == p->tile_hits); // one tile each in a small image
     sgs_profile_destroy(p);
     oracle_scene_free(&scene);
 }
@@ -149,6 +190,18 @@ static void options_out_of_range_are_rejected(void **state)
                          SGS_STATUS_INVALID_ARGUMENT);
         assert_null(profile);
     }
+    for (int k = 0; k < 3; ++k) {
+        sgs_render_options render = sgs_render_options_default();
+        render.near_distance = k == 0 ? -1 : render.near_distance;
+        render.sh_degree = k == 1 ? 4 : render.sh_degree;
+        render.filter = k == 2 ? (sgs_filter)3 : render.filter;
+        sgs_profile_options options = sgs_profile_options_default();
+        options.render = &render;
+        sgs_profile *profile = (sgs_profile *)&options;
+        assert_int_equal(sgs_profile_view(scene.model, &camera, &pose, &options, &profile),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_null(profile);
+    }
     sgs_profile_destroy(NULL);
     oracle_scene_free(&scene);
 }
@@ -179,6 +232,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(hits_equal_brute_force),
         cmocka_unit_test(every_stage_is_conservative),
+        cmocka_unit_test(pairs_have_a_counted_hit),
         cmocka_unit_test(cost_and_overlap_of_two_boxes_equal_hand_computed_values),
         cmocka_unit_test(options_out_of_range_are_rejected),
         cmocka_unit_test(counters_count_or_report_the_reason),

@@ -244,8 +244,8 @@ static char *answer_dominant(const profile_report *report)
     if (!(m->evaluations > 0))
         return format_text("Dominant phase: %s; no part of the model is in view.", largest.name);
     return format_text(
-        "Dominant phase: %s, %.0f %% of %s; %.1f %% of the evaluated (block, primitive) pairs hit "
-        "no pixel, %.0f %% of SIMD lanes carry a hit, %.1f %% of BVH callbacks lead to a hit, and "
+        "Dominant phase: %s, %.0f %% of %s; %.1f %% of the evaluated (block, primitive) pairs have "
+        "no hit, %.0f %% of SIMD lanes carry a hit, %.1f %% of BVH callbacks lead to a hit, and "
         "the slowest tile takes %.1f times the mean.",
         largest.name, 100 * quotient(largest.seconds, whole),
         report->training.iteration > 0 ? "an iteration" : "a view",
@@ -282,7 +282,7 @@ static void print_counts(const sgs_profile *m)
                 {"candidates of the tiles", m->candidates},
                 {"block tests", m->block_tests},
                 {"evaluations (block, primitive)", m->evaluations},
-                {"block hits (any pixel hit)", m->block_hits},
+                {"block hits (any ray hit)", m->block_hits},
                 {"true hits", m->hits}};
     printf("%-34s %12s %12s\n", "", "per view", "per ray");
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)

@@ -14,6 +14,7 @@
 
 #include "sparegs/gaussians.h"
 #include "sparegs/ranks.h"
+#include "sparegs/render.h"
 #include "sparegs/runtime.h"
 #include "sparegs/scene.h"
 #include "sparegs/trainer.h"
@@ -92,6 +93,12 @@ typedef struct sgs_bench sgs_bench;
 // and sgs_trainer_step do; *bench is then NULL.
 SGS_API sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views,
                                     size_t view_count, sgs_bench **bench);
+// The same for a model that is drawn with the filter, near_distance and compact_box of `options`
+// (NULL = the defaults). Other members have no effect; filter_3d must be NULL. Also fails with
+// INVALID_ARGUMENT (options) or UNSUPPORTED (filter_3d).
+SGS_API sgs_status sgs_bench_create_with(const sgs_gaussians *model, const sgs_view *views,
+                                         size_t view_count, const sgs_render_options *options,
+                                         sgs_bench **bench);
 SGS_API void sgs_bench_destroy(sgs_bench *bench); // accepts NULL
 
 // One repetition with the current settings (sgs_threads_set, sgs_isa_set): a build, then an

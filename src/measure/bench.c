@@ -25,6 +25,7 @@ enum { RESPONSE_FLOPS = 25, ALPHA_FLOPS = 15, BLEND_FLOPS = 10, GRADIENT_FLOPS =
 enum { RECORD_BYTES = SGSI_PROJECTED_FLOATS * sizeof(float) };
 
 struct sgs_bench {
+    sgs_render_options render;
     sgs_scene *scene;
     sgs_trainer *trainer;
     sgs_bench_counts counts;
@@ -35,13 +36,12 @@ static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v,
                              const sgs_view_source *view, sgs_image8 *image)
 {
     const sgs_camera *camera = &view->camera;
-    const sgs_render_options options = sgs_render_options_default();
     const float black[3] = {0, 0, 0};
     sgs_frame frame;
     sgs_status status = sgs_frame_create(camera->width, camera->height, &frame);
     if (status)
         return status;
-    status = sgs_renderer_render(renderer, camera, &view->pose, &options, &frame);
+    status = sgs_renderer_render(renderer, camera, &view->pose, &bench->render, &frame);
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     for (size_t i = 0; !status && i < pixels; ++i) {
         bench->counts.hits += (double)frame.hits[i];
@@ -80,7 +80,7 @@ static sgs_status photograph_all(sgs_bench *bench, const sgs_gaussians *model,
     }
     if (!status)
         status = sgs_scene_create(sources, view_count, NULL, NULL, 0, NULL, &bench->scene);
-    if (!status) // the near distance and the learning rates of every scene are those of extent 1
+    if (!status) // the learning rates of every scene are those of extent 1
         bench->scene->extent = 1.0;
     sgs_renderer_destroy(renderer);
     for (size_t v = 0; v < view_count; ++v)
@@ -99,6 +99,10 @@ static sgs_status start_trainer(sgs_bench *bench, const sgs_gaussians *model)
     sgs_status status = sgs_trainer_create(bench->scene, &options, &bench->trainer);
     if (status)
         return status;
+    sgs_render_options *drawn = &bench->trainer->views.render;
+    drawn->filter = bench->render.filter;
+    drawn->near_distance = bench->render.near_distance;
+    drawn->compact_box = bench->render.compact_box;
     status = sgsi_trainer_hold(bench->trainer, HELD_ITERATION);
     if (status)
         return status;
@@ -107,8 +111,31 @@ static sgs_status start_trainer(sgs_bench *bench, const sgs_gaussians *model)
     return sgs_bench_run(bench, &warm);
 }
 
+// Of the options, what the trainer cannot take from them keeps its default.
+static sgs_status read_render(const sgs_render_options *options, sgs_render_options *render)
+{
+    sgs_render_options own = sgs_render_options_default();
+    const sgs_status status = sgsi_options_read(options, "sgs_render_options", &own, sizeof own);
+    *render = sgs_render_options_default();
+    render->filter = own.filter;
+    render->near_distance = own.near_distance;
+    render->compact_box = own.compact_box;
+    if (!status && own.filter_3d)
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "a bench requires a model with the 3D filter fused into its scales, as in PLY files");
+    return status;
+}
+
 sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, size_t view_count,
                             sgs_bench **bench)
+{
+    return sgs_bench_create_with(model, views, view_count, NULL, bench);
+}
+
+sgs_status sgs_bench_create_with(const sgs_gaussians *model, const sgs_view *views,
+                                 size_t view_count, const sgs_render_options *options,
+                                 sgs_bench **bench)
 {
     *bench = NULL;
     if (view_count < 1 || view_count > VIEWS_MAX || !model->count)
@@ -117,7 +144,9 @@ sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views, s
     sgs_bench *made = sgsi_calloc(1, sizeof *made);
     if (!made)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench");
-    sgs_status status = photograph_all(made, model, views, view_count);
+    sgs_status status = read_render(options, &made->render);
+    if (!status)
+        status = photograph_all(made, model, views, view_count);
     if (!status)
         status = start_trainer(made, model);
     if (status) {
@@ -177,13 +206,12 @@ sgs_status sgs_bench_build(sgs_bench *bench, sgs_bench_sample *sample)
 {
     sgs_trainer *trainer = bench->trainer;
     const sgs_view *source = &bench->scene->views[bench->scene->view_count - 1];
-    const sgs_render_options options = sgs_render_options_default();
     const sgsi_rays *rays;
     sgsi_view view;
     sgs_status status = sgsi_ray_cache_get(trainer->views.rays, &source->camera, &rays);
     if (status)
         return status;
-    sgsi_view_set(&view, rays, &source->pose, &options);
+    sgsi_view_set(&view, rays, &source->pose, &bench->render);
     status = sgsi_tracer_project(trainer->views.tracer, trainer->model, &view, NULL, NULL);
     if (!status)
         status = sgsi_tracer_commit(trainer->views.tracer, true, SGSI_BVH_REFIT);
@@ -290,13 +318,12 @@ static sgs_status predict_view(sgs_bench *bench, size_t view_index, const sgsi_t
                                sgs_rank_prediction *predictions)
 {
     const sgs_view *source = &bench->scene->views[view_index];
-    const sgs_render_options options = sgs_render_options_default();
     const sgsi_rays *rays;
     sgsi_view view;
     sgs_status status = sgsi_ray_cache_get(bench->trainer->views.rays, &source->camera, &rays);
     if (status)
         return status;
-    sgsi_view_set(&view, rays, &source->pose, &options);
+    sgsi_view_set(&view, rays, &source->pose, &bench->render);
     // Every step of a view does the same work: the costs are also those of its last visit.
     for (size_t i = 0; i < rays->cells.count; ++i)
         costs[i] = (float)sgsi_cell_cost(&rays->cells, tiles, i);

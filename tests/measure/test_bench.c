@@ -154,6 +154,53 @@ static void counts_equal_the_oracle_and_times_add_up(void **state)
     oracle_scene_free(&scene);
 }
 
+// The bench draws with the given filter and near limit: of a small scene the default limit would
+// remove all hits.
+static void a_small_scene_is_measured_with_its_near_limit(void **state)
+{
+    (void)state;
+    const double size = 0.02;
+    oracle_scene scene = oracle_random_model(22, COUNT, NULL);
+    for (size_t i = 0; i < scene.count; ++i)
+        for (int k = 0; k < 3; ++k) {
+            oracle_primitive(&scene, i)[SGS_PARAM_MEAN + k] *= size;
+            oracle_primitive(&scene, i)[SGS_PARAM_SCALE + k] += log(size);
+        }
+    oracle_scene_round(&scene);
+    const sgs_view view = {.name = "a",
+                           .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT),
+                           .pose = oracle_pose_look_at(0, 0, -4 * size)};
+    for (int filter = SGS_FILTER_3DGS; filter <= SGS_FILTER_MIP; ++filter) {
+        sgs_render_options options = oracle_render_options((sgs_filter)filter, 3, NULL);
+        options.near_distance = sgs_near_distance(size);
+        sgs_reference_frame exact;
+        assert_int_equal(sgs_reference_frame_create(WIDTH, HEIGHT, &exact), SGS_STATUS_OK);
+        assert_int_equal(sgs_reference_render(scene.params, scene.count, &view.camera, &view.pose,
+                                              &options, &exact),
+                         SGS_STATUS_OK);
+        double hits = 0;
+        for (int i = 0; i < WIDTH * HEIGHT; ++i)
+            hits += exact.hits[i];
+        sgs_reference_frame_free(&exact);
+        sgs_bench *bench;
+        sgs_bench_sample sample;
+        assert_int_equal(sgs_bench_create_with(scene.model, &view, 1, &options, &bench),
+                         SGS_STATUS_OK);
+        assert_int_equal(sgs_bench_run(bench, &sample), SGS_STATUS_OK);
+        const sgs_bench_counts counts = sgs_bench_counts_get(bench);
+        assert_true(hits > WIDTH * HEIGHT && fabs(counts.hits - hits) <= 1e-3 * hits);
+        // The trained iteration draws the same: lists hold pairs with a counted hit only.
+        assert_true(counts.block_hits <= hits && hits <= 16 * counts.block_hits);
+        sgs_bench_destroy(bench);
+    }
+    sgs_render_options options = oracle_render_options(SGS_FILTER_MIP, 3, scene.filter_3d);
+    sgs_bench *bench;
+    assert_int_equal(sgs_bench_create_with(scene.model, &view, 1, &options, &bench),
+                     SGS_STATUS_UNSUPPORTED);
+    assert_null(bench);
+    oracle_scene_free(&scene);
+}
+
 static void machine_limits_are_plausibly_ordered(void **state)
 {
     (void)state;
@@ -178,6 +225,7 @@ int main(void)
         cmocka_unit_test(scenes_have_statistics_of_trained_models),
         cmocka_unit_test(large_images_have_smaller_primitives),
         cmocka_unit_test(counts_equal_the_oracle_and_times_add_up),
+        cmocka_unit_test(a_small_scene_is_measured_with_its_near_limit),
         cmocka_unit_test(machine_limits_are_plausibly_ordered),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -186,8 +186,9 @@ static bool predict_ranks(const bench_run *run, sgs_bench *bench, bench_result *
     return false;
 }
 
+// render NULL: the defaults.
 static bool measure(bench_run *run, const char *name, const sgs_gaussians *model,
-                    const sgs_view *views, size_t view_count)
+                    const sgs_view *views, size_t view_count, const sgs_render_options *render)
 {
     sgs_bench *bench = NULL;
     bench_result *results = &run->report.results[run->report.count];
@@ -196,7 +197,8 @@ static bool measure(bench_run *run, const char *name, const sgs_gaussians *model
         done = add_result(run, name, &run->settings[s]) != NULL;
     if (!done)
         fail_run("no memory for the measurements");
-    if (done && (!apply(&run->settings[0]) || sgs_bench_create(model, views, view_count, &bench))) {
+    if (done && (!apply(&run->settings[0]) ||
+                 sgs_bench_create_with(model, views, view_count, render, &bench))) {
         fail_library();
         done = false;
     }
@@ -229,7 +231,8 @@ static bool measure_made(bench_run *run, const char *name)
         fail_library();
         return false;
     }
-    const bool done = measure(run, scene->name, scene->model, scene->views, scene->view_count);
+    const bool done =
+        measure(run, scene->name, scene->model, scene->views, scene->view_count, NULL);
     sgs_bench_scene_destroy(scene);
     return done;
 }
@@ -240,9 +243,13 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
     model_path located;
     sgs_scene *scene = NULL;
     sgs_gaussians *gaussians = NULL;
+    drawing_values drawing;
+    drawing_group(&drawing); // the defaults
     bool done = model_locate(model, &located) && model_scene_resolve(data, line, &located) < 0 &&
                 (scene = scene_open(scene_path, data, false)) != NULL;
-    done = done && model_read(&located, NULL, &gaussians);
+    if (done)
+        drawing_resolve(&drawing, line, located.config, data, scene);
+    done = done && model_read(&located, &drawing, &gaussians);
     if (done && !gaussians->count) {
         fail_run("%s: contains no primitives", located.ply_path);
         done = false;
@@ -253,7 +260,8 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
         const size_t count = wanted < scene->view_count ? wanted : scene->view_count;
         for (size_t v = 0; v < count; ++v)
             views[v] = scene->views[v * scene->view_count / count];
-        done = measure(run, model, gaussians, views, count);
+        const sgs_render_options render = drawing_render_options(&drawing);
+        done = measure(run, model, gaussians, views, count, &render);
     }
     sgs_gaussians_destroy(gaussians);
     sgs_scene_destroy(scene);

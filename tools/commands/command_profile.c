@@ -228,7 +228,7 @@ static bool measure_training(profiling *job)
                               .camera = cameras->cameras[v].camera,
                               .pose = cameras->cameras[v].pose};
     sgs_bench *bench;
-    if (sgs_bench_create(job->model, views, cameras->count, &bench)) {
+    if (sgs_bench_create_with(job->model, views, cameras->count, &job->render, &bench)) {
         fail_library();
         return false;
     }

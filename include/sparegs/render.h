@@ -13,8 +13,9 @@
 // g = M d: rho^2 = |p x g|^2 / |g|^2 at t = -(p.g) / |g|^2, alpha = min(0.99, o exp(-rho^2 / 2)).
 //
 // Counted hits of a ray: those with alpha >= 1/255 and t > near, in the order (t, id), up to the
-// first one that would reduce the transmittance below 1e-4, which is excluded (as in 3DGS). If two
-// t round to the same float, the tracer orders by distance of the mean, then by id.
+// first one that would reduce the transmittance below 1e-4, which is excluded (as in 3DGS). The
+// tracer computes t in single precision: hits whose t differ by its rounding only can be in another
+// order. Primitives of the same shape and mean are ordered by id.
 //
 // Pixel filters. `3dgs`: s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (for
 // fisheye lenses its distance) and f = sqrt(fx fy): the dilation of 3DGS by 0.3 px^2. `none`: the
@@ -215,8 +216,10 @@ typedef struct sgs_hit {
 } sgs_hit;
 
 // Renders all planes. params: [count][SGS_PARAM_COUNT] in the order of SGS_PARAM_; double, so that
-// finite differences can perturb them below float resolution. Fails as sgs_renderer_render, with
-// UNSUPPORTED for a compact_box other than 1, or with LIMIT (more than 2^32 - 1 primitives).
+// finite differences can perturb them below float resolution. sh_degree is clamped to 0..3, and any
+// near_distance is accepted: a negative one shows hits behind the camera. Otherwise fails as
+// sgs_renderer_render, with UNSUPPORTED for a compact_box other than 1, or with LIMIT (more than
+// 2^32 - 1 primitives).
 SGS_API sgs_status sgs_reference_render(const double *params, size_t count,
                                         const sgs_camera *camera, const sgs_pose *pose,
                                         const sgs_render_options *options,

@@ -362,7 +362,7 @@ static sgsi_packet make_line(uint64_t *counter)
 // Mean number of primitives that a tree reports for lines through the box around all of them.
 static double reported_per_line(const sgsi_bvh *bvh, const sgsi_bounds *boxes, size_t count)
 {
-    enum { LINES = 60000 };
+    enum { LINES = 20000 };
     sgsi_bounds all = boxes[0];
     for (size_t i = 0; i < count; ++i)
         for (int k = 0; k < 3; ++k) {

@@ -184,7 +184,7 @@ static void every_crossed_box_is_gathered_at_every_quality(void **state)
         print_message("%s: %zu gathered, %zu required\n", quality_names[quality], found.unique,
                       found.required);
         assert_true(found.required > 300);
-        // Not all boxes (Embree's refittable trees have leaves of about ten boxes).
+        // Not all boxes (Embree's refittable trees have leaves of up to seven boxes).
         assert_true(found.unique < (quality == SGSI_BVH_REFIT ? 20 : 3) * found.required);
         sgsi_bvh_destroy(bvh);
     }

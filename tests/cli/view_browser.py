@@ -443,6 +443,18 @@ def crop(page):
     with open(saved["path"], "rb") as one, open(out, "rb") as other:
         expect("the_file_is_that_of_the_command", one.read() == other.read())
     os.remove(saved["path"])
+    page.press("cropCopy")
+    expect("the_command_is_copied_or_shown", page.wait("/Copied|Select the command/.test(byId('cropText').textContent)") is not None)
+    page.run("Object.defineProperty(navigator, 'clipboard', {value: undefined})")  # http, not of this machine
+    page.press("cropCopy")
+    expect("without_clipboard_the_command_is_shown", page.wait("byId('cropText').textContent.startsWith('Select')") is not None)
+    page.set("cropOpacity", 2)
+    page.press("cropSave")
+    expect("a_wrong_crop_is_refused", page.wait("viewer.errors.some((text) => text.includes('out of range'))") is not None)
+    page.set("cropOpacity", 0)
+    page.rest()
+    expect("a_wrong_crop_is_not_saved", not os.path.exists(saved["path"]))
+    page.run("viewer.errors.length = 0")
     tell = "((hello) => { listeners.hello.forEach((call) => call(hello)); return JSON.stringify(request.message); })"
     page.run(f"viewer.stored = viewer.hello; {tell}({{...viewer.stored, training: true}})")
     expect("a_training_at_the_same_address_is_not_cropped", page.run("byId('cropBox').hidden && cropValues().preview === 'off'"))

@@ -120,6 +120,11 @@ def crop(url):
     saved = page.ask("crop")
     if head["removed"] != saved["removed"] or not saved["removed"] or not saved["kept"]:
         sys.exit(f"removed {head['removed']} in the picture, {saved['removed']} in the file, kept {saved['kept']}")
+    # Nothing is saved instead of a crop that is refused, or that keeps nothing.
+    for wrong, text in (({"opacity": 2}, "out of range"), ({"box": [1e9] * 6}, "keeps no primitive")):
+        page.socket.send({"type": "crop", "crop": wrong})
+        if text not in page.wait("error")["text"]:
+            sys.exit(f"a crop of {wrong} is not refused")
     print(saved["path"], "--filter-box=" + ",".join(map(repr, crop["box"])), "--filter-opacity 0.125 --filter-floaters auto")
 
 

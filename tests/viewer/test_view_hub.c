@@ -65,6 +65,10 @@ static void a_job_keeps_the_camera_before_it(void **state)
     assert_int_equal(client->job_count, 4);
     assert_int_equal(client->jobs[2].x, 3);
     assert_int_equal(client->jobs[2].request.serial, 2);
+    // The crop to save is that of the message, not of the last camera that was accepted.
+    receive(client, "{\"type\":\"crop\",\"crop\":{\"opacity\":0.5}}");
+    assert_int_equal(client->jobs[4].request.serial, 2);
+    assert_true(client->jobs[4].request.crop.opacity == 0.5);
     for (int k = 0; k < 2 * HUB_JOBS; ++k)
         receive(client, "{\"type\":\"history\"}");
     assert_int_equal(client->job_count, HUB_JOBS);

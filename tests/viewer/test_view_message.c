@@ -91,6 +91,10 @@ static void a_crop_has_the_limits_of_the_message(void **state)
     assert_true(view_crop_equal(crop, &other));
     other.box[5] = 6;
     assert_false(view_crop_equal(crop, &other));
+    assert_null(parse("{\"type\":\"crop\",\"crop\":{\"opacity\":0.5}}", &message));
+    assert_true(message.has_crop && crop->opacity == 0.5 && crop->slack == -INFINITY);
+    assert_null(parse("{\"type\":\"crop\"}", &message));
+    assert_false(message.has_crop);
 }
 
 static void every_wrong_message_is_refused(void **state)
@@ -119,6 +123,7 @@ static void every_wrong_message_is_refused(void **state)
         "{\"type\":\"ack\"}",
         "{\"type\":\"region\",\"number\":4294967296}",
         "{\"type\":\"ack\",\"number\":-1}",
+        "{\"type\":\"crop\",\"crop\":{\"opacity\":2}}",
         CAMERA("\"width\":0,\"height\":10,\"view\":0"),
         CAMERA("\"width\":8193,\"height\":10,\"view\":0"),
         CAMERA("\"width\":8192,\"height\":8192,\"view\":0"),

@@ -13,6 +13,7 @@
 
 #include "support/files_support.h"
 #include "support/oracle_support.h"
+#include "cli/progress.h"
 #include "viewer/view_painter.h"
 
 enum { WIDTH = 1280, HEIGHT = 960, CAMERAS = 8 };
@@ -111,6 +112,11 @@ static void saved_files_replace_no_other(void **state)
     assert_non_null(strstr(path, "/view_0002.exr"));
     json_decref(reply);
     free(path);
+    const view_crop none = {.has_sphere = true, .region = -1, .slack = -INFINITY};
+    assert_int_equal(unlink(temp_path(&folder, "crop_9999.ply")), 0);
+    assert_null(crop_save(&none, &source)); // as convert, which writes no empty file
+    assert_true(access(temp_path(&folder, "crop_9999.ply"), F_OK));
+    assert_non_null(strstr(last_error_text(), "keeps no primitive"));
     view_painter_free(&painter);
     view_source_close(&source);
     oracle_scene_free(&scene);

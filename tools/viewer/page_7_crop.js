@@ -91,10 +91,18 @@ byId('cropPreview').onchange = cropShown;
 byId('cropSave').onclick = () => {
   if (byId('cropPreview').value === 'off') byId('cropPreview').value = 'mark';
   sendRequest(false);
-  send({type: 'crop'});
+  send({type: 'crop', crop: cropValues()});
 };
-byId('cropCopy').onclick = () => navigator.clipboard.writeText(cropCommand()).then(
-  () => { byId('cropText').textContent = 'Copied.'; }, () => { byId('cropText').textContent = 'Select the command and copy it.'; });
+// Browsers have a clipboard only for pages of this machine or over TLS.
+async function copyCommand() {
+  try {
+    await navigator.clipboard.writeText(cropCommand());
+    byId('cropText').textContent = 'Copied.';
+  } catch (error) {
+    byId('cropText').textContent = 'Select the command and copy it.';
+  }
+}
+byId('cropCopy').onclick = copyCommand;
 onMessage('crop', (message) => {
   viewer.saved = {kind: 'crop', ...message};
   byId('cropText').textContent = `Saved ${message.kept.toLocaleString('en')} primitives as ${message.path}`;

@@ -358,8 +358,10 @@ static json_t *crop_reply(const view_artist *artist, const artist_task *task)
     if (artist->is_live)
         return json_pack("{s:s,s:s}", "type", "error", "text", "a training model is not cropped");
     json_t *reply = crop_save(&task->request.crop, artist->source);
-    return reply ? reply
-                 : json_pack("{s:s,s:s}", "type", "error", "text", "the file cannot be written");
+    if (reply)
+        return reply;
+    const char *error = last_error_text();
+    return json_pack("{s:s,s:o}", "type", "error", "text", json_message(error, strlen(error)));
 }
 
 static void answer(view_artist *artist, const artist_task *task)

@@ -102,7 +102,9 @@ json_t *crop_save(const view_crop *crop, view_source *source)
         const sgs_model_write_options options = model_write_options(&source->drawing);
         sgs_model_written written;
         sgs_selection_apply(kept, keep);
-        if (sgs_model_write(path, kept, &options, &written))
+        if (!kept->count)
+            fail_run("the crop keeps no primitive; nothing was written");
+        else if (sgs_model_write(path, kept, &options, &written))
             fail_library();
         else
             reply = json_pack("{s:s,s:o,s:I,s:I}", "type", "crop", "path", json_text(path), "kept",

@@ -205,6 +205,8 @@ static void add_job(view_client *client, const view_message *message)
         return;
     client->jobs[at] = *message;
     client->jobs[at].request = client->request;
+    if (message->has_crop)
+        client->jobs[at].request.crop = message->request.crop;
     client->job_count += at == client->job_count;
 }
 

@@ -241,9 +241,12 @@ static const char *read_members(const json_t *root, const camera_list *views, vi
     case MESSAGE_RUN:
         problem = read_action(root, &message->action);
         break;
+    case MESSAGE_CROP:
+        problem = read_crop(json_object_get(root, "crop"), &message->request.crop);
+        message->has_crop = json_is_object(json_object_get(root, "crop"));
+        break;
     case MESSAGE_HISTORY:
     case MESSAGE_EXR:
-    case MESSAGE_CROP:
         break;
     }
     if (!problem)

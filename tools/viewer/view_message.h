@@ -26,7 +26,7 @@ typedef enum view_message_type {
     MESSAGE_HISTORY, // tables of the run
     MESSAGE_RUN,     // `action`
     MESSAGE_EXR,     // write the view into the run's folder
-    MESSAGE_CROP     // write the primitives that the crop of the last camera keeps
+    MESSAGE_CROP     // write the primitives that the crop keeps
 } view_message_type;
 
 typedef enum run_action { RUN_PAUSE = 0, RUN_CONTINUE, RUN_CHECKPOINT, RUN_STOP } run_action;
@@ -66,6 +66,7 @@ bool view_request_same(const view_request *a, const view_request *b);
 typedef struct view_message {
     view_message_type type;
     view_request request; // of MESSAGE_CAMERA; of others, set by the hub
+    bool has_crop;        // of MESSAGE_CROP: request.crop; otherwise that of the last camera
     int x, y;
     uint32_t number;
     run_action action;

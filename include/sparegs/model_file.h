@@ -35,8 +35,8 @@ typedef enum sgs_model_format {
 SGS_API const char *sgs_model_format_name(sgs_model_format format);
 
 // Format that a file name requests: ".ply", ".compressed.ply", ".splat", ".spz", ".ksplat", ".glb",
-// ".sog", "meta.json", "lod-meta.json", ".usda" or ".html", without regard to case. False for other
-// names.
+// ".sog", ".usda" or ".html", without regard to case, or the whole names "meta.json" and
+// "lod-meta.json". False for other names.
 SGS_API bool sgs_model_format_of_name(const char *path, sgs_model_format *format);
 
 // Format of an existing file, by its first bytes and its name, or of a folder with meta.json or

@@ -95,7 +95,9 @@ static sgs_status open_accessor(const glb_file *file, const json_t *index, const
     if (!accessor || !type || strcmp(type, types[components]))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: attribute '%s' has no accessor of type %s",
                          file->path, name, types[components]);
-    if (json_object_get(accessor, "sparse") || !view || !buffer || json_object_get(buffer, "uri"))
+    // The binary chunk is the first buffer. Another one without data is that of compressed views.
+    if (json_object_get(accessor, "sparse") || !view || !buffer || json_object_get(buffer, "uri") ||
+        json_integer_value(json_object_get(view, "buffer")))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: attribute '%s' is sparse or not in the binary chunk", file->path,
                          name);
@@ -233,6 +235,20 @@ static void read_colors(glb_file *file, const json_t *primitive, const json_t *s
     file->mixed = file->mixed || own.space != file->colors.space;
 }
 
+// KHR_gaussian_splatting_compression_spz_2 and its relatives.
+static bool is_compressed(const json_t *splatting)
+{
+    static const char prefix[] = "KHR_gaussian_splatting_compression";
+    const char *name;
+    json_t *value;
+    json_object_foreach(json_object_get(splatting, "extensions"), name, value)
+    {
+        if (!strncmp(name, prefix, sizeof prefix - 1))
+            return true;
+    }
+    return false;
+}
+
 // transform: NULL if it is no similarity.
 static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_similarity *transform)
 {
@@ -248,6 +264,11 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
             json_object_get(json_object_get(primitive, "extensions"), extension);
         if (!splatting)
             continue;
+        if (is_compressed(splatting))
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: its Gaussians are compressed; export them without "
+                             "KHR_gaussian_splatting_compression",
+                             file->path);
         if (!transform)
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                              "%s: the transform of a node is not a rotation, a translation and a "

@@ -121,16 +121,27 @@ static bool ends_with(const char *path, const char *ending)
     return length >= size && !strcasecmp(path + length - size, ending);
 }
 
+// The file that stands for a folder. Readers of the format look for exactly this name.
+static const char *manifest_name(sgs_model_format format)
+{
+    return format == SGS_MODEL_SOG       ? "meta.json"
+           : format == SGS_MODEL_LOD_SOG ? table[format].ending
+                                         : NULL;
+}
+
 bool sgs_model_format_of_name(const char *path, sgs_model_format *format)
 {
     const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
     size_t longest = 0;
-    if (!strcasecmp(name, "meta.json")) {
-        *format = SGS_MODEL_SOG;
-        return true;
-    }
     for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
-        if (ends_with(name, table[k].ending) && strlen(table[k].ending) > longest) {
+        if (manifest_name((sgs_model_format)k) &&
+            !strcmp(name, manifest_name((sgs_model_format)k))) {
+            *format = (sgs_model_format)k;
+            return true;
+        }
+    for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
+        if (*table[k].ending == '.' && ends_with(name, table[k].ending) &&
+            strlen(table[k].ending) > longest) {
             longest = strlen(table[k].ending);
             *format = (sgs_model_format)k;
         }
@@ -172,7 +183,10 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
     for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
         if (table[k].matches && table[k].matches(bytes, size)) {
             *format = (sgs_model_format)k;
-            return SGS_STATUS_OK;
+            return *bytes != '{' ? SGS_STATUS_OK
+                                 : sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                                             "%s: is the %s of a SOG model; give it this name",
+                                             path, manifest_name(*format));
         }
     return named ? SGS_STATUS_OK
                  : sgsi_fail(SGS_STATUS_UNSUPPORTED,

@@ -187,6 +187,9 @@ static void names_and_contents_select_formats(void **state)
                  {"a.sog", SGS_MODEL_SOG},
                  {"x/meta.json", SGS_MODEL_SOG},
                  {"x/lod-meta.json", SGS_MODEL_LOD_SOG},
+                 {"x/META.JSON", -1}, // the folder of a model has these names
+                 {"room-lod-meta.json", -1},
+                 {"room-meta.json", -1},
                  {"a.usda", SGS_MODEL_USDA},
                  {"a.obj", -1},
                  {"transforms.json", -1},
@@ -214,6 +217,15 @@ static void names_and_contents_select_formats(void **state)
         assert_int_equal(info.format, format);
         sgs_gaussians_destroy(back);
     }
+    // The readers of a folder look for its file by name.
+    static const char meta[] = "{\"means\":{\"files\":[\"means_l.webp\"]}}",
+                      lod[] = "{\"lodLevels\":1}";
+    file_put(temp_path(&folder, "a-meta.json"), meta, sizeof meta - 1);
+    model_refused(temp_path(&folder, "a-meta.json"), SGS_STATUS_UNSUPPORTED,
+                  "is the meta.json of a SOG model; give it this name", "renamed");
+    file_put(temp_path(&folder, "meta.json"), lod, sizeof lod - 1);
+    model_refused(temp_path(&folder, "meta.json"), SGS_STATUS_UNSUPPORTED,
+                  "is the lod-meta.json of a SOG model", "renamed");
     sgs_gaussians_destroy(model);
     temp_folder_remove(&folder);
 }

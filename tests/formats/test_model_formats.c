@@ -437,9 +437,9 @@ static const char glb_text[] =
     "\"type\":\"SCALAR\"},"
     "{\"bufferView\":0,\"byteOffset\":24,\"componentType\":5126,\"count\":1,\"type\":\"VEC3\"}]}";
 
-static sgs_gaussians *read_glb(const temp_folder *folder, const char *json, sgs_model_info *info)
+static void put_glb_of(bytes *file, const char *json)
 {
-    bytes file = {.size = 0}, bin = {.size = 0};
+    bytes bin = {.size = 0};
     put_float(&bin, 1);
     put_float(&bin, 2);
     put_float(&bin, 3);
@@ -452,7 +452,13 @@ static sgs_gaussians *read_glb(const temp_folder *folder, const char *json, sgs_
     put_float(&bin, 0.1f);
     put_float(&bin, 0.2f);
     put_float(&bin, 0.3f);
-    put_glb(&file, json, &bin);
+    put_glb(file, json, &bin);
+}
+
+static sgs_gaussians *read_glb(const temp_folder *folder, const char *json, sgs_model_info *info)
+{
+    bytes file = {.size = 0};
+    put_glb_of(&file, json);
     return read_bytes(folder, "a.glb", &file, info);
 }
 
@@ -472,6 +478,31 @@ static void glb_is_read_with_the_transforms_of_its_nodes(void **state)
     expect(model, 0, SGS_PARAM_OPACITY, logit(0.8));
     expect_row(model, 0, SGS_PARAM_SH_DC, 3, (double[]){0.1, 0.2, 0.3});
     sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+// Data of other extensions: in a buffer without bytes (EXT_meshopt_compression), or as SPZ.
+static void compressed_glb_is_refused(void **state)
+{
+    (void)state;
+    static const char *const changes[][3] = {
+        {"36}],\"bufferViews\":[{\"buffer\":0",
+         "36},{\"byteLength\":36}],\"bufferViews\":[{\"buffer\":1",
+         "'POSITION' is sparse or not in the binary chunk"},
+        {KHR "\":{}", KHR "\":{\"extensions\":{" KHR "_compression_spz_2\":{\"bufferView\":0}}}",
+         "its Gaussians are compressed"}};
+    const temp_folder folder = temp_folder_make();
+    for (size_t k = 0; k < sizeof changes / sizeof *changes; ++k) {
+        const char *at = strstr(glb_text, changes[k][0]);
+        bytes text = {.size = 0}, file = {.size = 0};
+        put_text(&text, "%.*s%s%s", (int)(at - glb_text), glb_text, changes[k][1],
+                 at + strlen(changes[k][0]));
+        put_u8(&text, 0);
+        put_glb_of(&file, (const char *)text.data);
+        file_put(temp_path(&folder, "a.glb"), file.data, file.size);
+        model_refused(temp_path(&folder, "a.glb"), SGS_STATUS_UNSUPPORTED, changes[k][2],
+                      changes[k][1]);
+    }
     temp_folder_remove(&folder);
 }
 
@@ -744,6 +775,7 @@ int main(void)
         cmocka_unit_test(ksplat_is_read),
         cmocka_unit_test(glb_is_read_with_the_transforms_of_its_nodes),
         cmocka_unit_test(glb_is_read_beside_nodes_of_other_kinds),
+        cmocka_unit_test(compressed_glb_is_refused),
         cmocka_unit_test(sog_is_read),
         cmocka_unit_test(ply_is_read_with_its_filter_and_mark),
         cmocka_unit_test(usda_has_the_attributes_of_the_schema),

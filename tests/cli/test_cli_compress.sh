@@ -143,6 +143,9 @@ one_line
 run 1 compress "$temporary/nowhere" -o /proc/none # the output is checked before the work
 reports "/proc/none: cannot be written: /proc: "
 one_line
+run 1 decompress "$temporary/nowhere" -o /proc/none.ply
+reports "/proc/none.ply: cannot be written: /proc: "
+one_line
 run 2 decompress "$temporary/ghap.1" -o "$temporary/none.xyz"
 reports "none.xyz: the name requests no known format; use .ply,"
 one_line

@@ -243,5 +243,9 @@ echo '#usda 1.0' >"$temporary/empty.usda"
 run 1 convert "$temporary/empty.usda" "$temporary/none.ply"
 reports "contains no ParticleField3DGaussianSplat"
 check nothing_was_written test ! -e "$temporary/none.ply"
+run 1 convert "$temporary/missing.spz" /proc/none/a.sog # the output is checked before the work
+reports "/proc/none/a.sog: cannot be written: /proc: "
+run 2 convert "$ply" "$temporary/room-lod-meta.json" # not a folder of this name
+reports "the name requests no known format"
 
 finish

@@ -649,6 +649,8 @@ int command_convert(int argc, char **argv)
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without a SCENE");
     warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace",
               "on convert, which reads no photographs");
+    if (!check_output(call.line.operands[1]))
+        return EXIT_FAILED;
     interrupt_watch();
     return convert(&call.line, &plan, &data, call.common.json);
 }

@@ -105,6 +105,8 @@ int command_decompress(int argc, char **argv)
     status = model_output_format(values.output, &format);
     if (status >= 0)
         return status;
+    if (!check_output(values.output))
+        return EXIT_FAILED;
     interrupt_watch();
     return decompress_file(call.line.operands[0], values.output, format, call.common.json);
 }

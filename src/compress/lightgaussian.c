@@ -265,6 +265,19 @@ static void add_planes(const sgsi_compress_job *job, const char *name, int param
     sgsi_free(values);
 }
 
+// Quaternions of other programs may have any length; the components of a short one would become 0
+// as halves.
+static void normalise_rotations(const sgsi_compress_job *job)
+{
+    for (size_t i = 0; i < job->count; ++i) {
+        float *q = job->rows + i * SGS_PARAM_COUNT + SGS_PARAM_ROTATION;
+        const double length = sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] +
+                                   (double)q[3] * q[3]);
+        for (int k = 0; k < 4 && length > 0 && !(length >= 0.0625 && length <= 16); ++k)
+            q[k] = (float)(q[k] / length);
+    }
+}
+
 static void add_sections(const sgsi_compress_job *job, const light_training *t, const bool *exact)
 {
     const bool half = job->options->half;
@@ -364,6 +377,8 @@ static sgs_status encode(sgsi_compress_job *job)
     if (!status) {
         job->out->header.count = job->count;
         job->out->header.sh_degree = (uint32_t)job->sh_degree;
+        if (job->options->half)
+            normalise_rotations(job);
         add_sections(job, &t, exact);
         status = job->out->status;
     }

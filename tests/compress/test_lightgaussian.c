@@ -136,12 +136,42 @@ static void quantised_rows_are_close_and_others_exact(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// Lengths of quaternions beyond the range of 16-bit floats.
+static void halves_keep_rotations_of_any_length(void **state)
+{
+    (void)state;
+    enum { COUNT = 16 };
+    sgs_gaussians *model = pack_model(COUNT, 0, 7);
+    for (size_t i = 0; i < COUNT; ++i)
+        for (int k = 0; k < 4; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_ROTATION + k) *= i % 2 ? 1e-6f : 1e6f;
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_LIGHTGAUSSIAN;
+    options.vq_steps = 1;
+    options.half = true;
+    sgs_gaussians *decoded = through(model, &options);
+    for (size_t i = 0; i < COUNT; ++i) {
+        double dot = 0, a2 = 0, b2 = 0;
+        for (int k = 0; k < 4; ++k) {
+            const double a = *sgs_gaussians_at(model, i, SGS_PARAM_ROTATION + k),
+                         b = *sgs_gaussians_at(decoded, i, SGS_PARAM_ROTATION + k);
+            dot += a * b;
+            a2 += a * a;
+            b2 += b * b;
+        }
+        assert_true(fabs(dot) >= (1 - 1e-6) * sqrt(a2 * b2));
+    }
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nearest_codes_are_found),
         cmocka_unit_test(bits_are_packed_without_gaps),
         cmocka_unit_test(quantised_rows_are_close_and_others_exact),
+        cmocka_unit_test(halves_keep_rotations_of_any_length),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -5,6 +5,7 @@
 
 #include "compress/compress_method.h"
 
+#include <math.h>
 #include <string.h>
 
 sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stage, size_t done,
@@ -14,6 +15,23 @@ sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stag
     if (!options->progress || options->progress(options->progress_user, stage, done, total))
         return SGS_STATUS_OK;
     return sgsi_fail(SGS_STATUS_CANCELLED, "the compression was cancelled");
+}
+
+void sgsi_warn_about_cells(const sgsi_compress_job *job, const float low[3], const float high[3],
+                           int bits)
+{
+    double side = 0;
+    size_t coarse = 0;
+    for (int k = 0; k < 3; ++k)
+        side = fmax(side, ldexp((double)high[k] - (double)low[k], -bits));
+    for (size_t i = 0; i < job->count; ++i) {
+        const float *scale = job->rows + i * SGS_PARAM_COUNT + SGS_PARAM_SCALE;
+        coarse += side > exp((double)fmaxf(scale[0], fmaxf(scale[1], scale[2])));
+    }
+    if (coarse > job->count / 100)
+        sgsi_warn("positions have cells of %.3g units, more than the size of %zu of %zu "
+                  "primitives; remove the primitives that are far from the others",
+                  side, coarse, job->count);
 }
 
 sgs_status sgsi_decoded_create(const sgsi_container *in, sgs_gaussians **model)

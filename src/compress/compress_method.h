@@ -35,6 +35,11 @@ extern const sgsi_compress_method sgsi_method_ghap, sgsi_method_sog, sgsi_method
 sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stage, size_t done,
                                   size_t total);
 
+// Warns if positions in 2^bits cells per axis from low to high are coarser than many primitives:
+// one far primitive makes the cells of all large.
+void sgsi_warn_about_cells(const sgsi_compress_job *job, const float low[3], const float high[3],
+                           int bits);
+
 // A model with header.count primitives, rows unset but finite. Call it after sgsi_container_finish:
 // the sections prove that the primitives exist.
 sgs_status sgsi_decoded_create(const sgsi_container *in, sgs_gaussians **model);

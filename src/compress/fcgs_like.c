@@ -399,6 +399,7 @@ static sgs_status encode(sgsi_compress_job *job)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status) {
         set_bounds(job, &header);
+        sgsi_warn_about_cells(job, header.low, header.high, POSITION_BITS);
         fill_keys(job, &header, keys);
         for (size_t i = 0; i < job->count; ++i) {
             cells[i] = keys[i].key;

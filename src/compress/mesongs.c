@@ -89,6 +89,7 @@ static sgs_status build_octree(sgsi_compress_job *job, sgsi_meson *meson, double
 {
     const size_t n = job->count;
     set_bounds(job, meson);
+    sgsi_warn_about_cells(job, meson->bounds[0], meson->bounds[1], meson->depth);
     sgsi_keyed_row *keys = sgsi_alloc(2 * n, sizeof *keys);
     float *rows = sgsi_alloc(n, SGS_PARAM_COUNT * sizeof *rows);
     double *scores = sgsi_alloc(n, sizeof *scores);

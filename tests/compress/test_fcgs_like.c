@@ -133,12 +133,49 @@ static void neighbours_are_used(void **state)
     sgs_gaussians_destroy(model);
 }
 
+static char warning[512];
+
+static void keep_warning(void *user, const char *message)
+{
+    (void)user;
+    snprintf(warning, sizeof warning, "%s", message);
+}
+
+// One far primitive decides the size of the cells; methods with cells say so.
+static void large_cells_cause_a_warning(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = pack_model(200, 0, 7); // scales from 0.02
+    sgs_compress_options options = sgs_compress_options_default();
+    const struct {
+        sgs_compress_method method;
+        float limit; // of the distance: cells of 0.02 units
+    } cases[] = {{SGS_COMPRESS_FCGS_LIKE, 1e3f}, {SGS_COMPRESS_MESONGS, 2e4f}};
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c)
+        for (int far = 0; far < 2; ++far) {
+            *sgs_gaussians_at(model, 100, SGS_PARAM_MEAN) =
+                far ? 100 * cases[c].limit : cases[c].limit;
+            *warning = 0;
+            options.method = cases[c].method;
+            options.keep = cases[c].method == SGS_COMPRESS_MESONGS ? 1 : 0;
+            sgs_warning_handler_set(keep_warning, NULL);
+            assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+            sgs_warning_handler_set(NULL, NULL);
+            assert_int_equal(strstr(warning, "more than the size of") != NULL, far);
+            assert_true(far || !*warning);
+        }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(coded_bits_come_back_at_their_entropy),
         cmocka_unit_test(errors_are_at_most_half_a_step),
         cmocka_unit_test(neighbours_are_used),
+        cmocka_unit_test(large_cells_cause_a_warning),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -162,6 +162,17 @@ stop TERM
 check nothing_but_the_url_on_stdout test "$(wc -l <"$temporary/url")" -eq 1
 check files_of_the_run_are_unchanged cmp "$temporary/model.ply" "$temporary/run/point_cloud/iteration_120/point_cloud.ply"
 
+# a_crop_has_the_marks_of_the_view, and so has the file of the command
+start "$temporary/model.ply" "$room" --port 0 --filter mip --train-space linear --white 4
+served=$last_command
+read -r cropped filters < <(python3 "$client" "$url" crop 2>&1)
+stop TERM
+check the_crop_is_marked grep -aqx 'comment SplatRenderMode: mip' "$cropped"
+# shellcheck disable=SC2086 # several options
+run 0 convert "$temporary/model.ply" "$temporary/converted.ply" $filters --quiet
+check the_crop_is_the_file_of_convert cmp "$cropped" "$temporary/converted.ply"
+last_command=$served
+
 # ---- Photographs in linear light ----
 # A scene of three photographs as EXR files eight times as bright, written by oiiotool.
 hdr=$temporary/hdr

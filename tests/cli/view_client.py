@@ -125,7 +125,8 @@ def crop(url):
         page.socket.send({"type": "crop", "crop": wrong})
         if text not in page.wait("error")["text"]:
             sys.exit(f"a crop of {wrong} is not refused")
-    print(saved["path"], "--filter-box=" + ",".join(map(repr, crop["box"])), "--filter-opacity 0.125 --filter-floaters auto")
+    print(saved["path"], "--filter-box=" + ",".join(map(repr, crop["box"])), "--filter-opacity 0.125 --filter-floaters auto",
+          hello["marks"])
 
 
 def progressive(url):

@@ -97,6 +97,20 @@ static int export_page(const char *path, const view_source *source)
     return EXIT_DONE;
 }
 
+// The options of `convert` for the marks of a crop, which are those of the drawing; free().
+static char *convert_marks(const command_line *line, const drawing_values *drawing)
+{
+    const sgs_model_colors colors = model_colors(drawing->space, drawing->white_point);
+    const char *filter = !option_given(line, "filter")       ? ""
+                         : drawing->filter == SGS_FILTER_MIP ? "--antialiased on"
+                                                             : "--antialiased off";
+    if (!(colors.white_point > 0) && !option_given(line, "train-space") &&
+        !option_given(line, "white"))
+        return format_text("%s", filter);
+    return format_text("%s%s--train-space %s --white %.9g", filter, *filter ? " " : "",
+                       colors.space == SGS_SPACE_LINEAR ? "linear" : "srgb", drawing->white_point);
+}
+
 static int view_model(const char *name, const model_path *located, const view_values *values,
                       drawing_values *drawing, view_session *session)
 {
@@ -141,6 +155,7 @@ static int run_view(const command_line *line, const view_values *values, scene_v
     }
     if (status < 0) {
         drawing_resolve(drawing, line, located.config, data, scene);
+        session.source.marks = convert_marks(line, drawing);
         session.source.name = line->operands[0];
         session.source.scene = scene;
         status = view_model(line->operands[0], &located, values, drawing, &session);

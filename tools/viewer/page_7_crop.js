@@ -48,6 +48,7 @@ function cropCommand() {
   if ('slack' in crop) words.push('--filter-slack ' + crop.slack);
   if ('region' in crop) words.push('--filter-region ' + crop.region);
   if (crop.floaters) words.push('--filter-floaters auto');
+  if (viewer.hello.marks) words.push(viewer.hello.marks);
   return words.join(' ');
 }
 

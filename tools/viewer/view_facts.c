@@ -165,6 +165,7 @@ json_t *view_facts(view_source *source, bool training)
     json_object_set_new(root, "type", json_string("hello"));
     json_object_set_new(root, "version", json_string(sgs_version()));
     json_object_set_new(root, "model", name ? name : json_string("model"));
+    json_object_set_new(root, "marks", json_string(source->marks ? source->marks : ""));
     json_object_set_new(root, "training", json_boolean(training));
     json_object_set_new(root, "run", json_boolean(source->is_run));
     json_object_set_new(root, "target", numbers_json(center, 3));

@@ -74,9 +74,10 @@ void view_source_close(view_source *source)
     region_history_free(&source->history);
     camera_list_free(&source->views);
     free(source->folder);
+    free(source->marks);
     source->renderer = NULL;
     source->model = NULL;
-    source->folder = NULL;
+    source->folder = source->marks = NULL;
 }
 
 bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,

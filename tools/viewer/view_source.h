@@ -31,6 +31,7 @@ typedef struct view_source {
     // Constant while the viewer serves.
     const char *name;       // of the model
     char *folder;           // of a run, or of the model file
+    char *marks;            // options of `convert` that mark its file as a crop; NULL: none
     bool is_run;            // folder is a run folder
     bool expects_regions;   // updates with SPARE-GS will follow
     const sgs_scene *scene; // or NULL

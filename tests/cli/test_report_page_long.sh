@@ -30,6 +30,7 @@ check no_error_on_the_console test "$(grep -cE 'CONSOLE|Uncaught' "$temporary/co
 has '<polyline' 8                        # a curve per run, and its curve of size and quality
 has '<circle' 20                         # a point per run, one for each curve of a single row, three per curve of size
 has '<figcaption' 7                      # two plots of counts, one of quality, two of size, the phases, the map
+has 'x="370"[^>]*text-anchor="end">70<' 2 # the last number of an axis is not cut
 has 'data-drawn="7"' 1                   # set by the script's last line
 has '<h1 id="title">A &lt;/script&gt;&lt;b&gt;title' 1  # texts are texts
 check map_of_regions test "$(sed -n 's/.*id="regionMap">\(.*\)/\1/p' "$temporary/dom" | grep -o '<rect' | wc -l)" -gt 10

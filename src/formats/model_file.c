@@ -45,9 +45,14 @@ static bool is_ply(const uint8_t *bytes, size_t size)
     return begins(bytes, size, "ply", 3) && !is_compressed_ply(bytes, size);
 }
 
+static bool is_gzip(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "\x1f\x8b", 2);
+}
+
 static bool is_spz(const uint8_t *bytes, size_t size)
 {
-    return begins(bytes, size, "NGSP", 4) || begins(bytes, size, "\x1f\x8b", 2);
+    return begins(bytes, size, "NGSP", 4) || is_gzip(bytes, size);
 }
 
 static bool is_glb(const uint8_t *bytes, size_t size)
@@ -176,11 +181,12 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: is a compressed model; write it as PLY with 'sparegs decompress'",
                          path);
-    const bool named = sgs_model_format_of_name(path, format);
-    if (named &&
-        (opened || !size || !table[*format].matches || table[*format].matches(bytes, size)))
+    const bool named = sgs_model_format_of_name(path, format),
+               has_mark = !named || table[*format].matches;
+    if (named && (opened || !size || (has_mark && table[*format].matches(bytes, size))))
         return SGS_STATUS_OK; // the reader reports what is wrong
-    for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
+    // Files without a mark may begin with the two bytes of gzip data.
+    for (int k = 0; k < SGS_MODEL_FORMAT_COUNT && (has_mark || !is_gzip(bytes, size)); ++k)
         if (table[k].matches && table[k].matches(bytes, size)) {
             *format = (sgs_model_format)k;
             return *bytes != '{' ? SGS_STATUS_OK

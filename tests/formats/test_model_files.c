@@ -216,6 +216,11 @@ static void names_and_contents_select_formats(void **state)
                          SGS_STATUS_OK);
         assert_int_equal(info.format, format);
         sgs_gaussians_destroy(back);
+        // So is one with the name of a format that has no mark, unless it is gzip data.
+        assert_int_equal(rename(temp_path(&folder, "model.bin"), temp_path(&folder, "model.splat")),
+                         0);
+        assert_true(sgs_model_format_detect(temp_path(&folder, "model.splat"), &found));
+        assert_int_equal(found, format == SGS_MODEL_SPZ ? SGS_MODEL_SPLAT : format);
     }
     // The readers of a folder look for its file by name.
     static const char meta[] = "{\"means\":{\"files\":[\"means_l.webp\"]}}",

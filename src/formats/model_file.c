@@ -185,6 +185,9 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
                has_mark = !named || table[*format].matches;
     if (named && (opened || !size || (has_mark && table[*format].matches(bytes, size))))
         return SGS_STATUS_OK; // the reader reports what is wrong
+    struct stat info;
+    if (opened && !stat(path, &info)) // a pipe, or not readable
+        return opened;
     // Files without a mark may begin with the two bytes of gzip data.
     for (int k = 0; k < SGS_MODEL_FORMAT_COUNT && (has_mark || !is_gzip(bytes, size)); ++k)
         if (table[k].matches && table[k].matches(bytes, size)) {

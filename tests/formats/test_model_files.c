@@ -222,6 +222,8 @@ static void names_and_contents_select_formats(void **state)
         assert_true(sgs_model_format_detect(temp_path(&folder, "model.splat"), &found));
         assert_int_equal(found, format == SGS_MODEL_SPZ ? SGS_MODEL_SPLAT : format);
     }
+    assert_int_equal(mkfifo(temp_path(&folder, "a.pipe"), 0600), 0);
+    model_refused(temp_path(&folder, "a.pipe"), SGS_STATUS_IO, "is not a regular file", "pipe");
     // The readers of a folder look for its file by name.
     static const char meta[] = "{\"means\":{\"files\":[\"means_l.webp\"]}}",
                       lod[] = "{\"lodLevels\":1}";

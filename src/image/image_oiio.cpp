@@ -369,6 +369,14 @@ bool find_processor(const OIIO::ColorConfig &config, const std::string &space, C
     return false;
 }
 
+// Names of OpenImageIO 2.2 to 3 for a PNG file with the gamma of sRGB, 1/2.2, in its chunk gAMA and
+// no chunk sRGB, as ImageMagick writes them: photographs in sRGB.
+bool is_display_gamma(const std::string &name)
+{
+    return name == "gammacorrected2.2" || name == "gamma2.2" ||
+           name.compare(0, 10, "g22_rec709") == 0;
+}
+
 sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
                          Colors &colors)
 {
@@ -376,7 +384,9 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
     if (space.empty())
         space = spec.format.is_floating_point() ? "linear" : "sRGB";
     const std::string name = lower(space);
-    if (name.compare(0, 4, "srgb") == 0 || name == "cmyk" || name == "ycbcr") {
+    const bool sampled = !colorspace && !spec.format.is_floating_point();
+    if (name.compare(0, 4, "srgb") == 0 || name == "cmyk" || name == "ycbcr" ||
+        (sampled && is_display_gamma(name))) {
         colors.encoding = Encoding::srgb;
         return SGS_STATUS_OK;
     }

@@ -15,6 +15,7 @@
 
 #include <cmocka.h>
 
+#include "image/image_oiio.h"
 #include "support/bad_input.h"
 #include "support/scene_support.h"
 
@@ -118,6 +119,27 @@ static void all_pixel_formats_become_eight_bit_rgb(void **state)
     assert_pixel(&folder, "odd.tif", 3, (const uint8_t[]){0, 7, 255});
     tree_put(&folder, "grey.pgm", "P5\n1 1\n255\n\x42", 12);
     assert_pixel(&folder, "grey.pgm", 3, (const uint8_t[]){0x42, 0x42, 0x42});
+    tree_remove(&folder);
+}
+
+// A PNG file with the gamma of sRGB in its chunk gAMA, and without a chunk sRGB, is in sRGB.
+static void gamma_of_srgb_is_srgb(void **state)
+{
+    (void)state;
+    static const uint8_t red[3] = {250, 120, 10}, chunk[] = {0, 0, 0, 1, 's', 'R', 'G', 'B'};
+    const temp_folder folder = temp_folder_make();
+    sgsi_image_info info;
+    tree_put_picture(&folder, "a.png", 4, 3, 3, red);
+    size_t size;
+    unsigned char *bytes = file_get(temp_path(&folder, "a.png"), &size);
+    assert_memory_equal(bytes + 33 + 4, "gAMA\0\0\xb1\x8f", 8); // 0.45455
+    unsigned char *at = memmem(bytes, size, chunk, sizeof chunk);
+    assert_non_null(at);
+    memmove(at, at + 13, (size_t)(bytes + size - at - 13));
+    file_put(temp_path(&folder, "a.png"), bytes, size - 13);
+    free(bytes);
+    assert_int_equal(sgsi_oiio_describe(temp_path(&folder, "a.png"), NULL, &info), SGS_STATUS_OK);
+    assert_true(info.bytes && !info.linear);
     tree_remove(&folder);
 }
 
@@ -435,6 +457,7 @@ int main(void)
         // first: the children need an OpenImageIO that has not been used
         cmocka_unit_test(misnamed_images_are_read_by_content_on_several_threads),
         cmocka_unit_test(all_pixel_formats_become_eight_bit_rgb),
+        cmocka_unit_test(gamma_of_srgb_is_srgb),
         cmocka_unit_test(palettes_are_expanded),
         cmocka_unit_test(photographs_keep_rows_and_planes),
         cmocka_unit_test(png_round_trips_bit_by_bit),

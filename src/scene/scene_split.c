@@ -13,6 +13,9 @@
 
 #include "base/core.h"
 
+// Pixels of a photograph that shows the scene from a distance of its size.
+static const double COARSE_STEP = 0.1;
+
 sgs_status sgsi_scene_no_memory(const char *path)
 {
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the scene", path);
@@ -201,11 +204,10 @@ static int double_order(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-// If the cameras coincide, the extent is half the median distance of the points, about the radius
-// of a camera path around an object. Without points it is 1.
-static sgs_status extent_from_points(sgs_scene *scene)
+// The median distance of the points to the center; 0 without points.
+static sgs_status median_distance(const sgs_scene *scene, double *median)
 {
-    scene->extent = 1;
+    *median = 0;
     if (scene->point_count == 0)
         return SGS_STATUS_OK;
     double *distances = sgsi_alloc(scene->point_count, sizeof *distances);
@@ -217,17 +219,72 @@ static sgs_status extent_from_points(sgs_scene *scene)
             hypot(hypot(p[0] - scene->center[0], p[1] - scene->center[1]), p[2] - scene->center[2]);
     }
     qsort(distances, scene->point_count, sizeof *distances, double_order);
-    const double median = distances[scene->point_count / 2];
+    *median = distances[scene->point_count / 2];
     sgsi_free(distances);
-    if (median > 0 && isfinite(median))
-        scene->extent = 0.5 * median;
     return SGS_STATUS_OK;
+}
+
+// If the cameras coincide, the extent is half the median distance of the points, about the radius
+// of a camera path around an object. Without points it is 1.
+static sgs_status extent_from_points(sgs_scene *scene)
+{
+    double median;
+    const sgs_status status = median_distance(scene, &median);
+    scene->extent = median > 0 && isfinite(median) ? 0.5 * median : 1;
+    return status;
+}
+
+static double longest_focal_length(const sgs_scene *scene)
+{
+    double longest = 0, fx, fy, cx, cy;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        sgs_camera_intrinsics(&scene->views[i].camera, &fx, &fy, &cx, &cy);
+        longest = fmax(longest, fx);
+    }
+    return longest;
+}
+
+// Primitives have coordinates in single precision. Far from the origin their steps are as large as
+// details: georeferenced scenes train to a blurred model without any other symptom.
+static sgs_status warn_far_from_origin(const sgs_scene *scene)
+{
+    float farthest = 0;
+    double median = 0;
+    sgs_status status = SGS_STATUS_OK;
+    for (int k = 0; k < 3; ++k)
+        farthest = fmaxf(farthest, (float)fabs(scene->center[k]));
+    const double step = (double)nextafterf(farthest, INFINITY) - (double)farthest,
+                 pixels = step * longest_focal_length(scene); // at a distance of 1
+    if (pixels > COARSE_STEP * scene->extent)
+        status = median_distance(scene, &median); // cameras may be close together, points far away
+    const double size = fmax(scene->extent, median);
+    if (!status && pixels > COARSE_STEP * size)
+        sgsi_warn("%s: the cameras are %.3g units from the origin, where positions have steps of "
+                  "%.2g units, about %.2g pixels of the photographs; subtract the same offset from "
+                  "all cameras and points",
+                  scene->model_path, (double)farthest, step, pixels / size);
+    return status;
+}
+
+static double farthest_from_center(const sgs_scene *scene)
+{
+    double largest = 0, center[3];
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        if (scene->views[i].split != SGS_SPLIT_TRAIN)
+            continue;
+        sgs_pose_center(&scene->views[i].pose, center);
+        const double distance =
+            hypot(hypot(center[0] - scene->center[0], center[1] - scene->center[1]),
+                  center[2] - scene->center[2]);
+        largest = fmax(largest, distance);
+    }
+    return largest;
 }
 
 sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
 {
     size_t count = 0;
-    double sum[3] = {0}, largest = 0, magnitude = 0, center[3];
+    double sum[3] = {0}, magnitude = 0, center[3];
     for (size_t i = 0; i < scene->view_count; ++i) {
         sgs_pose_center(&scene->views[i].pose, center);
         if (!(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
@@ -245,20 +302,12 @@ sgs_status sgsi_scene_measure_extent(sgs_scene *scene)
         scene->center[k] = sum[k] / (double)count;
         magnitude = fmax(magnitude, fabs(scene->center[k]));
     }
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        if (scene->views[i].split != SGS_SPLIT_TRAIN)
-            continue;
-        sgs_pose_center(&scene->views[i].pose, center);
-        const double distance =
-            hypot(hypot(center[0] - scene->center[0], center[1] - scene->center[1]),
-                  center[2] - scene->center[2]);
-        largest = fmax(largest, distance);
-    }
-    scene->extent = 1.1 * largest;
+    scene->extent = 1.1 * farthest_from_center(scene);
     // Cameras closer than rounding errors coincide.
-    if (scene->extent > 1e-9 * (1e-3 + magnitude))
-        return SGS_STATUS_OK;
-    return extent_from_points(scene);
+    sgs_status status = SGS_STATUS_OK;
+    if (!(scene->extent > 1e-9 * (1e-3 + magnitude)))
+        status = extent_from_points(scene);
+    return status ? status : warn_far_from_origin(scene);
 }
 
 void sgsi_scene_warn_centers(const sgs_scene *scene)

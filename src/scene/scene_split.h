@@ -19,7 +19,8 @@ sgs_status sgsi_scene_options_check(const char *path, const sgs_scene_options *o
 sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, bool has_split);
 
 // Sets scene->center and scene->extent (world units, > 0) from the training cameras, at least one;
-// from the points if all cameras coincide. Fails with FORMAT if a camera is too far away.
+// from the points if all cameras coincide. Warns if single precision is too coarse at their
+// distance from the origin. Fails with FORMAT if a camera is too far away.
 sgs_status sgsi_scene_measure_extent(sgs_scene *scene);
 
 // Warns of principal points outside of their images: intrinsics of another image size, without that

@@ -362,6 +362,52 @@ static void views_without_photographs_are_not_trained(void **state)
     sgs_scene_destroy(scene);
 }
 
+// ---- Distance from the origin ----
+
+static void count_far(void *user, const char *message)
+{
+    *(size_t *)user += strstr(message, "subtract the same offset from all cameras and points") != 0;
+}
+
+// Georeferenced cameras, 100 units apart, where the steps of positions are 0.5 or 0.03 units; the
+// same cameras around the origin; a panorama, whose cameras are close together and whose points are
+// not.
+static void single_precision_too_coarse_for_the_scene_is_warned_of(void **state)
+{
+    (void)state;
+    static const struct {
+        double origin, spread, focal;
+        float distance;
+        size_t warnings;
+    } scenes[] = {
+        {5.4e6, 100, 2000, 50, 1}, {4.6e5, 100, 2000, 50, 1}, {4.6e5, 100, 20, 50, 0},
+        {0, 100, 2000, 50, 0},     {1000, 100, 2000, 50, 0},  {100, 1e-3, 2000, 50, 0},
+        {100, 1e-3, 2000, 0, 1},   {5e6, 0, 2000, 50, 1},
+    };
+    static const uint8_t pixels[H * W * 3];
+    for (size_t i = 0; i < sizeof scenes / sizeof *scenes; ++i) {
+        sgs_view_source sources[2];
+        float points[9];
+        for (int k = 0; k < 2; ++k) {
+            sources[k] = small_source(3, SGS_PIXEL_UINT8, pixels);
+            sources[k].camera.params[0] = sources[k].camera.params[1] = scenes[i].focal;
+            sources[k].pose.translation[1] = -scenes[i].origin;
+            sources[k].pose.translation[0] = k * scenes[i].spread;
+        }
+        for (int k = 0; k < 9; ++k)
+            points[k] = k % 3 == 1 ? (float)scenes[i].origin : k % 3 == 2 ? scenes[i].distance : 0;
+        size_t warned = 0;
+        sgs_scene *scene;
+        sgs_warning_handler_set(count_far, &warned);
+        assert_int_equal(sgs_scene_create(sources, 2, points, NULL, 3, NULL, &scene),
+                         SGS_STATUS_OK);
+        sgs_warning_handler_set(NULL, NULL);
+        if (warned != scenes[i].warnings)
+            fail_msg("scene %zu: %zu warnings", i, warned);
+        sgs_scene_destroy(scene);
+    }
+}
+
 // ---- Progress ----
 
 typedef struct watcher {
@@ -424,6 +470,7 @@ int main(void)
         cmocka_unit_test(bad_input_is_named),
         cmocka_unit_test(options_out_of_range_are_refused),
         cmocka_unit_test(views_without_photographs_are_not_trained),
+        cmocka_unit_test(single_precision_too_coarse_for_the_scene_is_warned_of),
         cmocka_unit_test(loading_reports_progress_and_can_be_cancelled),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -9,6 +9,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/core.h"
 
@@ -54,6 +55,19 @@ const char *sgsi_image_name_clean(char *name)
     }
     *out = 0;
     return out == name ? "is empty" : NULL;
+}
+
+bool sgsi_image_name_has_format(const char *name)
+{
+    static const char *const extensions[] = {
+        "jpg", "jpeg", "png",  "tif",  "tiff", "bmp", "webp", "exr", "hdr", "tga", "ppm", "pgm",
+        "jp2", "heic", "heif", "avif", "dng",  "nef", "cr2",  "cr3", "arw", "raf", "rw2", "orf"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
+        if (!strcasecmp(dot + 1, extensions[i]))
+            return true;
+    }
+    return false;
 }
 
 size_t sgsi_dataset_top_folder(const sgsi_dataset *dataset)

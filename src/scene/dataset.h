@@ -46,6 +46,9 @@ void sgsi_dataset_free(sgsi_dataset *dataset);
 // "..").
 const char *sgsi_image_name_clean(char *name);
 
+// True if the name ends with the extension of an image format, in lower or upper case. Cannot fail.
+bool sgsi_image_name_has_format(const char *name);
+
 // Length, with its '/', of the top folder that the names of all frames share; 0 if there is none.
 // Cannot fail.
 size_t sgsi_dataset_top_folder(const sgsi_dataset *dataset);

@@ -271,8 +271,8 @@ sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *i
 
 char *sgsi_scene_image_path(const char *folder, const char *name)
 {
-    static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png",
-                                             "PNG", "exr", "hdr",  "tif",  "tiff"};
+    static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png",  "PNG", "exr",
+                                             "hdr", "tif", "tiff", "TIF",  "TIFF", "EXR", "HDR"};
     char *path = sgsi_format("%s/%s", folder, name);
     const char *dot = strrchr(name, '.');
     if (!path || sgsi_is_file(path) || !dot || strchr(dot, '/'))
@@ -286,19 +286,6 @@ char *sgsi_scene_image_path(const char *folder, const char *name)
         sgsi_free(other);
     }
     return path;
-}
-
-static bool is_image_name(const char *name)
-{
-    static const char *const extensions[] = {"jpg",  "jpeg", "png",  "tif",  "tiff", "bmp",
-                                             "webp", "exr",  "hdr",  "tga",  "ppm",  "pgm",
-                                             "jp2",  "heic", "heif", "avif", "dng"};
-    const char *dot = strrchr(name, '.');
-    for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
-        if (!strcasecmp(dot + 1, extensions[i]))
-            return true;
-    }
-    return false;
 }
 
 enum { MAX_DEPTH = 8, EXAMPLES = 3 };
@@ -319,9 +306,22 @@ typedef struct folder_id {
     ino_t inode;
 } folder_id;
 
-static int name_order(const void *key, const void *element)
+// A raw file next to its JPEG is not another photograph: only the extension may differ.
+static bool is_known(const search *s, const char *name)
 {
-    return strcmp(key, *(const char *const *)element);
+    const size_t length = (size_t)(strrchr(name, '.') + 1 - name); // with the dot
+    size_t low = 0, high = s->known_count;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (strncmp(s->known[middle], name, length) < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    for (; low < s->known_count && !strncmp(s->known[low], name, length); ++low)
+        if (!strpbrk(s->known[low] + length, "./"))
+            return true;
+    return false;
 }
 
 // Takes ownership of `name`.
@@ -402,8 +402,8 @@ static void search_folder(search *s, const char *below, int depth)
             } else {
                 search_folder(s, name, depth + 1);
             }
-        } else if (full && is_image_name(name) && !sgsi_mask_is_name(name) && sgsi_is_file(full) &&
-                   !bsearch(name, s->known, s->known_count, sizeof *s->known, name_order)) {
+        } else if (full && sgsi_image_name_has_format(name) && !sgsi_mask_is_name(name) &&
+                   sgsi_is_file(full) && !is_known(s, name)) {
             add_unknown(s, name);
             name = NULL;
         }

@@ -38,8 +38,9 @@ sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *i
 char *sgsi_scene_image_path(const char *folder, const char *name);
 
 // Counts the image files below `folder` that are not in `known` (`count` paths relative to folder,
-// sorted by strcmp), ignoring hidden files and links out of `roots`, and writes the first few names
-// to `examples`. Searches each folder once, under its own path rather than that of a link.
+// sorted by strcmp) in any image format, ignoring hidden files and links out of `roots`, and writes
+// the first few names to `examples`. Searches each folder once, under its own path rather than that
+// of a link.
 size_t sgsi_scene_count_unknown(const char *folder, const sgsi_roots *roots,
                                 const char *const *known, size_t count, char *examples,
                                 size_t examples_size);

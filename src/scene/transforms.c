@@ -20,7 +20,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <unistd.h>
 
 #include <jansson.h>
@@ -168,9 +167,13 @@ static sgs_status read_model(reader *r, const intrinsics *in, sgs_camera *camera
     p[4] = k1;
     p[5] = k2;
     if (!strcmp(model, "OPENCV_FISHEYE")) {
-        camera->model = SGS_CAMERA_OPENCV_FISHEYE;
-        p[6] = k3;
-        p[7] = k4;
+        // As in nerfstudio, p1 and p2 act on the angle, too: a thin prism lens without prism.
+        const bool tangential = p1 != 0 || p2 != 0;
+        camera->model = tangential ? SGS_CAMERA_THIN_PRISM_FISHEYE : SGS_CAMERA_OPENCV_FISHEYE;
+        p[6] = tangential ? p1 : k3;
+        p[7] = tangential ? p2 : k4;
+        p[8] = tangential ? k3 : 0;
+        p[9] = tangential ? k4 : 0;
         return SGS_STATUS_OK;
     }
     if (!known || k4 != 0)
@@ -347,23 +350,11 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
     return SGS_STATUS_OK;
 }
 
-static bool has_image_extension(const char *name)
-{
-    static const char *const extensions[] = {"png",  "jpg", "jpeg", "tif", "tiff",
-                                             "webp", "bmp", "exr",  "hdr"};
-    const char *dot = strrchr(name, '.');
-    for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
-        if (!strcasecmp(dot + 1, extensions[i]))
-            return true;
-    }
-    return false;
-}
-
 // The path as a new string, with `extension` appended if it has no image extension. NULL: no
 // memory.
 static char *image_name(const char *file, const char *extension)
 {
-    return sgsi_format("%s%s", file, *file && !has_image_extension(file) ? extension : "");
+    return sgsi_format("%s%s", file, *file && !sgsi_image_name_has_format(file) ? extension : "");
 }
 
 // Reads the path under `key`, relative to the JSON file's folder. Appends `extension` if the path

@@ -256,6 +256,7 @@ static void images_without_a_pose_are_counted(void **state)
     const temp_folder folder = scene_make("sparse/0/", true, "images");
     tree_put_picture(&folder, "images/z.png", 4, 4, 3, red);
     tree_put_text(&folder, "images/sub/y.JPG", "");
+    tree_put_text(&folder, "images/sub/c.DNG", ""); // the raw file of sub/c.png
     tree_put_text(&folder, "images/notes.txt", "");
     tree_put_text(&folder, "images/.hidden.png", "");
     sgs_scene *scene = load(folder.path, NULL);

@@ -141,6 +141,11 @@ static const struct {
      "",
      {SGS_CAMERA_OPENCV_FISHEYE, 64, 48, {50, 50, 32, 24, 0.1, 0, 0, 0.4}},
      0},
+    {"\"fl_x\":50,\"w\":64,\"h\":48,\"camera_model\":\"OPENCV_FISHEYE\",\"k1\":0.1,\"k2\":0.2,"
+     "\"k3\":0.3,\"k4\":0.4,\"p1\":0.01,\"p2\":0.02",
+     "",
+     {SGS_CAMERA_THIN_PRISM_FISHEYE, 64, 48, {50, 50, 32, 24, 0.1, 0.2, 0.01, 0.02, 0.3, 0.4}},
+     0},
     {"\"fl_x\":50,\"w\":64,\"h\":48,\"is_fisheye\":true,\"k1\":0.1",
      "",
      {SGS_CAMERA_OPENCV_FISHEYE, 64, 48, {50, 50, 32, 24, 0.1}},
@@ -674,6 +679,34 @@ static void transforms_image_folder_may_have_any_name(void **state)
     }
 }
 
+// Names keep the extension of every image format; the file may have another one, also in capitals.
+static void extensions_are_those_of_image_files(void **state)
+{
+    (void)state;
+    static const uint8_t white[3] = {255, 255, 255};
+    static const char *const formats[] = {"JPG", "heic", "DNG", "tga", "jp2", "CR2", "avif"};
+    const temp_folder folder = temp_folder_make();
+    for (size_t i = 0; i < sizeof formats / sizeof *formats; ++i) {
+        char text[512], name[32];
+        sgsi_dataset d;
+        snprintf(name, sizeof name, "a.%s", formats[i]);
+        snprintf(text, sizeof text,
+                 "{" GLOBAL "\"frames\":[{\"file_path\":\"%s\",\"transform_matrix\":" IDENTITY
+                 "}]}",
+                 name);
+        read_text(&folder, text, &d);
+        assert_string_equal(d.frames[0].name, name);
+        sgsi_dataset_free(&d);
+    }
+    tree_put_picture(&folder, "a.TIF", 64, 48, 3, white); // read by its contents
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
+    assert_holds(scene->views[0].image_path, "/a.TIF");
+    assert_int_equal(scene->views[0].image.pixels[0], 255);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -695,6 +728,7 @@ int main(void)
         cmocka_unit_test_setup(scene_with_a_broken_point_cloud_has_no_points, warnings_begin),
         cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
         cmocka_unit_test_setup(transforms_image_folder_may_have_any_name, warnings_begin),
+        cmocka_unit_test_setup(extensions_are_those_of_image_files, warnings_begin),
     };
     return cmocka_run_group_tests_name("transforms", tests, NULL, NULL);
 }

@@ -107,6 +107,19 @@ check the_model_is_there cmp "$scene/sparse/0/points3D.bin" "$room/sparse/0/poin
 check no_other_model_is_there test "$(ls -A "$scene/sparse")" = 0
 check the_link_is_that_of_the_photographs test "$scene/images" -ef "$photos"
 
+# only_photographs_are_given_to_colmap (not masks next to them, hidden files, and raw files next to their JPEG)
+mkdir "$temporary/mixed"
+cp "$photos/0001.jpg" "$temporary/mixed/a b.JPG"
+cp "$photos/0002.jpg" "$temporary/mixed/b.jpg"
+cp "$photos/0003.jpg" "$temporary/mixed/._b.jpg"
+cp "$photos/0003.jpg" "$temporary/mixed/b_mask.png"
+for name in b.DNG c.HEIC d.heic; do echo raw >"$temporary/mixed/$name"; done
+: >"$CALLS"
+with_standin run 0 reconstruct "$temporary/mixed" -o "$temporary/mixed_scene"
+check the_list_is_given grep -qxF "$temporary/mixed_scene/colmap/photographs.txt" "$CALLS"
+check the_list_has_the_photographs test "$(cat "$temporary/mixed_scene/colmap/photographs.txt")" = $'a b.JPG\nb.jpg'
+reports "mixed: 2 photograph(s) in formats that COLMAP does not read are not used, first 'c.HEIC'; convert them to JPEG"
+
 # links_to_folders_are_not_followed
 cp -r "$photos" "$temporary/linked"
 mv "$temporary/linked/0001.jpg" "$temporary"

@@ -84,9 +84,14 @@ typedef struct reconstruction {
     const reconstruct_values *values;
     const char *photos; // as given
     char *photos_path;  // absolute
-    char *work, *database, *models, *state_path;
-    size_t count;      // photographs
-    int width, height; // of all photographs, or 0 if they differ
+    char *work, *database, *models, *state_path, *list_path;
+    FILE *list;  // names of the photographs, a line each, for COLMAP
+    char *names; // its text
+    size_t name_bytes;
+    size_t count;       // photographs
+    size_t unread;      // photographs in formats that COLMAP does not read
+    char *first_unread; // name
+    int width, height;  // of all photographs, or 0 if they differ
     // {"made_from": ..., "stages": [...], "kept": [...]}: `kept` has the digests of the models that
     // may be in SCENE/sparse/0.
     json_t *state;
@@ -94,13 +99,40 @@ typedef struct reconstruction {
 
 // ---- The photographs ----
 
+static bool has_ending(const char *name, const char *const *endings)
+{
+    const char *dot = strrchr(name, '.');
+    for (; dot && *endings; ++endings)
+        if (!strcasecmp(dot + 1, *endings))
+            return true;
+    return false;
+}
+
+// Masks next to photographs are not photographs.
 static bool is_photo(const char *name)
 {
     static const char *const endings[] = {"jpg", "jpeg", "png", "tif", "tiff",
-                                          "bmp", "webp", "ppm", "pgm"};
-    const char *dot = strrchr(name, '.');
-    for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; ++i)
-        if (!strcasecmp(dot + 1, endings[i]))
+                                          "bmp", "webp", "ppm", "pgm", NULL};
+    static const char mask[] = "_mask.png";
+    const size_t length = strlen(name), tail = sizeof mask - 1;
+    const bool is_mask = length > tail && !strcmp(name + length - tail, mask);
+    return has_ending(name, endings) && !is_mask;
+}
+
+// Formats of cameras that COLMAP 3.8 does not read, or reads as a thumbnail.
+static bool is_unread(const char *name)
+{
+    static const char *const endings[] = {"heic", "heif", "avif", "dng", "nef", "cr2", "cr3",
+                                          "arw",  "raf",  "rw2",  "orf", "jp2", "exr", NULL};
+    return has_ending(name, endings);
+}
+
+// True if there is the same photograph in a format that COLMAP reads.
+static bool has_copy(struct dirent *const *entries, int count, const char *name)
+{
+    const size_t length = (size_t)(strrchr(name, '.') + 1 - name); // with the dot
+    for (int i = 0; i < count; ++i)
+        if (!strncmp(entries[i]->d_name, name, length) && is_photo(entries[i]->d_name))
             return true;
     return false;
 }
@@ -127,7 +159,26 @@ static void append_name(json_t *list, const char *name)
     free(escaped);
 }
 
-// Counts the photographs below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
+static void add_photo(reconstruction *run, const char *path, const char *name,
+                      const struct stat *info, json_t *made_from)
+{
+    int width = 0, height = 0;
+    const bool readable = !sgs_image8_probe(path, &width, &height);
+    if (!readable)
+        print_warning("%s; COLMAP will not use it", sgs_last_error());
+    else if (!run->count++)
+        run->width = width, run->height = height;
+    else if (width != run->width || height != run->height)
+        run->width = run->height = 0;
+    if (readable)
+        fprintf(run->list, "%s\n", name);
+    char *line =
+        format_text("%s %lld %lld", name, (long long)info->st_size, (long long)info->st_mtime);
+    append_name(made_from, line);
+    free(line);
+}
+
+// Lists the photographs below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
 // COLMAP does, it follows links to photographs and not links to folders, which can form cycles.
 static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
                         json_t *made_from)
@@ -142,28 +193,22 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
         char *name = format_text("%s%s%s", below, *below ? "/" : "", entries[i]->d_name);
         struct stat info;
         if (fine && entries[i]->d_name[0] != '.' && !stat(path, &info)) {
-            int width = 0, height = 0;
             if (S_ISDIR(info.st_mode) && is_link(path)) {
                 print_warning("%s: is a link to a folder, which COLMAP does not follow", path);
             } else if (S_ISDIR(info.st_mode) && depth < MAX_DEPTH) {
                 fine = list_photos(run, path, name, depth + 1, made_from);
             } else if (S_ISREG(info.st_mode) && is_photo(name)) {
-                if (sgs_image8_probe(path, &width, &height))
-                    print_warning("%s; COLMAP will not use it", sgs_last_error());
-                else if (!run->count++)
-                    run->width = width, run->height = height;
-                else if (width != run->width || height != run->height)
-                    run->width = run->height = 0;
-                char *line = format_text("%s %lld %lld", name, (long long)info.st_size,
-                                         (long long)info.st_mtime);
-                append_name(made_from, line);
-                free(line);
+                add_photo(run, path, name, &info, made_from);
+            } else if (S_ISREG(info.st_mode) && is_unread(name) &&
+                       !has_copy(entries, n, entries[i]->d_name) && !run->unread++) {
+                run->first_unread = format_text("%s", name);
             }
         }
         free(name);
         free(path);
-        free(entries[i]);
     }
+    for (int i = 0; i < n; ++i)
+        free(entries[i]);
     free(entries);
     return fine;
 }
@@ -286,6 +331,8 @@ static int find_features(reconstruction *run, const char *threads)
         run->database,
         "--image_path",
         run->photos_path,
+        "--image_list_path",
+        run->list_path,
         "--ImageReader.camera_model",
         v->camera_model,
         "--ImageReader.single_camera",
@@ -296,7 +343,8 @@ static int find_features(reconstruction *run, const char *threads)
         threads,
         NULL};
     stage_progress progress = {.label = "features of photographs", .photos = run->count};
-    return run_colmap(run, arguments, &progress);
+    return write_text(run->list_path, run->names) ? run_colmap(run, arguments, &progress)
+                                                  : EXIT_FAILED;
 }
 
 static int find_matches(reconstruction *run, const char *threads)
@@ -541,6 +589,23 @@ static int run_stages(reconstruction *run)
     return -1;
 }
 
+// Lists the photographs of the whole folder. False after printing the error.
+static bool find_photos(reconstruction *run, json_t *made_from)
+{
+    run->list = open_memstream(&run->names, &run->name_bytes);
+    bool found = run->list && list_photos(run, run->photos_path, "", 0, made_from);
+    if (!run->list || fclose(run->list)) {
+        fail_run("%s: no memory for the names of its photographs", run->photos);
+        found = false;
+    }
+    if (found && run->unread)
+        print_warning("%s: %zu photograph(s) in formats that COLMAP does not read are not used, "
+                      "first '%s'; convert them to JPEG, PNG or TIFF",
+                      run->photos, run->unread, run->first_unread);
+    free(run->first_unread);
+    return found;
+}
+
 static int reconstruct(reconstruction *run, bool json)
 {
     const reconstruct_values *v = run->values;
@@ -549,7 +614,7 @@ static int reconstruct(reconstruction *run, bool json)
     run->photos_path = realpath(run->photos, NULL);
     if (!run->photos_path) {
         fail_run("%s: %s", run->photos, strerror(errno));
-    } else if (list_photos(run, run->photos_path, "", 0, made_from)) {
+    } else if (find_photos(run, made_from)) {
         append_name(made_from, run->photos_path);
         json_array_append_new(made_from, json_string(v->camera_model));
         json_array_append_new(made_from, json_integer(v->matcher));
@@ -606,9 +671,11 @@ int command_reconstruct(int argc, char **argv)
     run.database = format_text("%s/database.db", run.work);
     run.models = format_text("%s/models", run.work);
     run.state_path = format_text("%s/state.json", run.work);
+    run.list_path = format_text("%s/photographs.txt", run.work);
     status = reconstruct(&run, call.common.json);
     json_decref(run.state);
-    char *const strings[] = {run.photos_path, run.work, run.database, run.models, run.state_path};
+    char *const strings[] = {run.photos_path, run.work,      run.database, run.models,
+                             run.state_path,  run.list_path, run.names};
     for (size_t i = 0; i < sizeof strings / sizeof *strings; ++i)
         free(strings[i]);
     return status;

@@ -142,9 +142,9 @@ typedef struct sgs_scene {
 // images are skipped with a warning and counted. A view whose mask excludes every pixel is dropped.
 // A scene may have no points.
 //
-// Masks are searched as MASKS/STEM.png, MASKS/NAME.png (NAME with the photograph's extension) and
-// STEM_mask.png next to the photograph. White (mean of the channels >= 128) is valid. A pixel of a
-// down-scaled photograph is valid if its whole area is.
+// Masks are searched as MASKS/STEM.png, MASKS/NAME.png (NAME with the photograph's extension),
+// MASKS/STEM_mask.png and STEM_mask.png next to the photograph. White (mean of the channels >= 128)
+// is valid. A pixel of a down-scaled photograph is valid if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
 // is missing, or no image is readable), FORMAT (broken file, or a mask whose size differs from its

@@ -38,11 +38,14 @@ static bool use_if_file(char *candidate, char **path)
     return candidate != NULL;
 }
 
-// BASE/STEM.png or BASE/NAME.png. False if out of memory.
+// BASE/STEM.png, BASE/NAME.png or, as Metashape exports them, BASE/STEM_mask.png. False if out of
+// memory.
 static bool use_named(const char *base, const char *name, char **path)
 {
-    return use_if_file(sgsi_format("%s/%.*s.png", base, stem_length(name), name), path) &&
-           (*path || use_if_file(sgsi_format("%s/%s.png", base, name), path));
+    const int stem = stem_length(name);
+    return use_if_file(sgsi_format("%s/%.*s.png", base, stem, name), path) &&
+           (*path || use_if_file(sgsi_format("%s/%s.png", base, name), path)) &&
+           (*path || use_if_file(sgsi_format("%s/%.*s%s", base, stem, name, suffix), path));
 }
 
 sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,

@@ -590,7 +590,8 @@ static void warn_about_views(const loader *l, const view_tally *tally)
     scene->masks += tally->masked_files;
     if (!scene->masks && l->mask_folder)
         sgsi_warn(
-            "%s: the mask folder contains no mask named after an image (NAME.png or STEM.png)",
+            "%s: the mask folder contains no mask named after an image (STEM.png, NAME.png or "
+            "STEM_mask.png)",
             scene->path);
     if (scene->masks && used < scene->view_count)
         sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels are used", scene->path,

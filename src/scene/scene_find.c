@@ -173,7 +173,8 @@ static sgs_status report_missing(const char *path)
     return sgsi_fail(
         SGS_STATUS_IO,
         "%s: no scene found: neither a COLMAP model (cameras and images, .bin or .txt, in "
-        "sparse/0, sparse or colmap/sparse/0) nor transforms_train.json or transforms.json",
+        "sparse/0, sparse or colmap/sparse/0) nor transforms_train.json or transforms.json; "
+        "'sparegs reconstruct' estimates the cameras of photographs",
         path);
 }
 

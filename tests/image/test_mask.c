@@ -85,6 +85,7 @@ static void masks_are_found_under_all_names(void **state)
     put_mask(&folder, "masks/b.png.png", 1, 1, 1, 17, 2);
     put_mask(&folder, "mask/sub/c.png", 1, 0, 0, 64, 5);
     put_mask(&folder, "images/d with blanks_mask.png", 1, 60, 40, 64, 48);
+    put_mask(&folder, "other/a_mask.png", 1, 5, 4, 20, 30);
     sgs_scene *scene = load(&folder, NULL);
     assert_hole(photo_of(scene, "a.png"), 3, 4, 20, 30, false);
     assert_hole(photo_of(scene, "b.png"), 1, 1, 17, 2, false);
@@ -93,6 +94,12 @@ static void masks_are_found_under_all_names(void **state)
     assert_int_equal(scene->masks, 4);
     assert_int_equal(scene->images_unposed, 0); // a mask next to a photograph is not a photograph
     assert_string_equal(warnings, "");
+    sgs_scene_destroy(scene);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.masks_dir = "other";
+    scene = load(&folder, &options);
+    assert_hole(photo_of(scene, "a.png"), 5, 4, 20, 30, false);
+    assert_int_equal(scene->masks, 1);
     sgs_scene_destroy(scene);
     tree_remove(&folder);
 }

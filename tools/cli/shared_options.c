@@ -118,8 +118,8 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, masks),
      .argument = "DIR|none",
      .shown = "masks or mask, if it exists",
-     .help = "folder with masks, next to the image folder: STEM.png or NAME.png; white pixels are "
-             "used, black pixels are ignored"},
+     .help = "folder with masks, next to the image folder: STEM.png, NAME.png or STEM_mask.png; "
+             "white pixels are used, black pixels are ignored"},
     {.name = "invert-masks",
      .kind = OPTION_FLAG,
      .offset = offsetof(scene_values, invert_masks),

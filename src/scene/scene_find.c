@@ -76,7 +76,7 @@ static sgs_status find_model(const char *base, char **found)
     return status;
 }
 
-static int is_image_folder(const struct dirent *entry)
+static int is_named_images(const struct dirent *entry)
 {
     return !strncmp(entry->d_name, "images", 6);
 }
@@ -85,11 +85,14 @@ static int is_image_folder(const struct dirent *entry)
 static void list_image_folders(const char *path, char *text, size_t size)
 {
     struct dirent **entries = NULL;
-    const int count = scandir(path, &entries, is_image_folder, alphasort);
+    const int count = scandir(path, &entries, is_named_images, alphasort);
     size_t used = 0;
     text[0] = 0;
     for (int i = 0; i < count; ++i) {
-        if (used + strlen(entries[i]->d_name) + 3 < size)
+        char *entry = sgsi_format("%s/%s", path, entries[i]->d_name);
+        const bool folder = entry && sgsi_is_folder(entry); // images.bin is not
+        sgsi_free(entry);
+        if (folder && used + strlen(entries[i]->d_name) + 3 < size)
             used += (size_t)snprintf(text + used, size - used, "%s%s", used ? ", " : "",
                                      entries[i]->d_name);
         free(entries[i]);

@@ -46,6 +46,9 @@ typedef struct sgs_view {
     // Width 0 without load_images. No pixels if the photograph is in the image cache: call
     // sgs_scene_photo.
     sgs_photo image;
+    // Exif orientation of the image file, 1 to 8; 0 = not read. Pixels, camera and pose are those
+    // of the stored image: it shows how the camera was held.
+    int orientation;
 } sgs_view;
 
 typedef struct sgs_scene_options {

@@ -573,7 +573,8 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
                  spec.format == OIIO::TypeDesc::UINT8,
                  colors.encoding != Encoding::srgb,
                  spec.full_width,
-                 spec.full_height};
+                 spec.full_height,
+                 spec.get_int_attribute("Orientation", 1)};
         return SGS_STATUS_OK;
     });
 }

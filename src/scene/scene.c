@@ -187,6 +187,7 @@ static void probe_photo(const loader *l, size_t i)
     set_size(l, s, info.width, info.height);
     s->channels = info.channels;
     s->linear = info.linear;
+    l->scene->views[i].orientation = info.orientation;
     s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
     s->halves = !sgsi_photo_is_8bit(&info, l->options->space);
     keep_error(s);

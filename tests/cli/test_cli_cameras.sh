@@ -84,6 +84,23 @@ jq -c "$right | .[]" "$temporary/level/cameras.json" | tr -d '[]' | awk -F, -v u
     { s = $1 * u[1] + $2 * u[2] + $3 * u[3]; if (s < 0) s = -s; if (s > worst) worst = s }
     END { print "sine of the worst roll:", worst; exit !(NR == 5 && worst < 0.0349) }' >"$temporary/roll"
 check level_within_2_degrees test $? -eq 0
+# orbits_of_photographs_held_upright_are_level: the same cameras, turned by 90 degrees as their Exif orientation says
+mkdir -p "$temporary/turned/images"
+oiiotool --create 27x48 3 --attrib Orientation 6 -o "$temporary/turned/upright.jpg"
+jq '{fl_x: 200, w: 270, h: 480, frames: map({file_path: "images/\(.img_name)", transform_matrix:
+    [range(3) as $i | [.rotation[$i][1], .rotation[$i][0], -.rotation[$i][2], .position[$i]]]})}' \
+    "$model/cameras.json" >"$temporary/turned/transforms.json"
+jq -r '.frames[].file_path' "$temporary/turned/transforms.json" | while read -r name; do
+    cp "$temporary/turned/upright.jpg" "$temporary/turned/$name"
+done
+run 0 render "$model/point_cloud/iteration_10/point_cloud.ply" "$temporary/turned" --orbit 5 --size 60x40 --aov rgba -o "$temporary/upright"
+axes='.[].rotation | [.[0][0], .[1][0], .[2][0], .[0][1], .[1][1], .[2][1]] | @tsv' # right, down
+jq -r "$axes" "$temporary/upright/cameras.json" | paste - <(jq -r "$axes" "$temporary/level/cameras.json") >"$temporary/axes"
+check upright_within_2_degrees awk 'NR == FNR { split($0, u, " "); next }
+    { r = $1 * u[1] + $2 * u[2] + $3 * u[3] # the other down vectors are those of the photographs that are not turned
+      if (!(r * r < 0.00122 && ($4 * u[1] + $5 * u[2] + $6 * u[3]) * ($10 * u[1] + $11 * u[2] + $12 * u[3]) > 0)) bad = 1 }
+    END { exit bad || FNR != 5 }' "$temporary/up" "$temporary/axes"
+
 # exported_cameras_agree: .chan by its angles, .usda by its matrices, cameras.json by rendering with it
 run 0 render "$model" --camera "$temporary/level/cameras.json" --aov rgba,position -o "$temporary/again"
 check same_picture oiiotool --fail 1e-4 "$temporary/level/orbit_00003.exr" "$temporary/again/orbit_00003.exr" --diff

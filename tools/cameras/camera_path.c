@@ -65,6 +65,33 @@ static vec axis(const sgs_pose *pose, int row)
         {pose->rotation[3 * row], pose->rotation[3 * row + 1], pose->rotation[3 * row + 2]}};
 }
 
+// Right and up of a view as the camera was held, by the Exif orientation of its photograph.
+static void held_axes(const sgs_view *view, vec *right, vec *up)
+{
+    const vec zero = {{0, 0, 0}}, x = axis(&view->pose, 0), y = axis(&view->pose, 1);
+    const vec left = along(zero, x, -1), above = along(zero, y, -1);
+    switch (view->orientation) {
+    case 3:
+    case 4: // 2, 4, 5 and 7 are mirrored
+        *right = left;
+        *up = y;
+        break;
+    case 5:
+    case 6:
+        *right = above;
+        *up = left;
+        break;
+    case 7:
+    case 8:
+        *right = y;
+        *up = x;
+        break;
+    default:
+        *right = x;
+        *up = above;
+    }
+}
+
 static vec center(const sgs_pose *pose)
 {
     vec c;
@@ -133,8 +160,9 @@ static vec find_up(const sgs_scene *scene)
     double m[3][3] = {{0}};
     vec mean = {{0, 0, 0}};
     for (size_t v = 0; v < scene->view_count; ++v) {
-        const vec right = axis(&scene->views[v].pose, 0);
-        mean = along(mean, axis(&scene->views[v].pose, 1), -share);
+        vec right, above;
+        held_axes(&scene->views[v], &right, &above);
+        mean = along(mean, above, share);
         for (int i = 0; i < 3; ++i)
             for (int j = 0; j < 3; ++j)
                 m[i][j] += share * right.x[i] * right.x[j];
@@ -329,7 +357,7 @@ bool camera_path_orbit(const sgs_scene *scene, const path_options *options, came
 }
 
 // The view whose centre is nearest to the mean centre.
-static const sgs_pose *middle_view(const sgs_scene *scene, const view_group *group)
+static const sgs_view *middle_view(const sgs_scene *scene, const view_group *group)
 {
     size_t nearest = 0;
     double least = HUGE_VAL;
@@ -340,7 +368,7 @@ static const sgs_pose *middle_view(const sgs_scene *scene, const view_group *gro
             nearest = v;
         }
     }
-    return &scene->views[nearest].pose;
+    return &scene->views[nearest];
 }
 
 bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list)
@@ -349,9 +377,10 @@ bool camera_path_spiral(const sgs_scene *scene, const path_options *options, cam
     if (!allocate(scene, count, list))
         return false;
     const view_group group = group_views(scene);
-    const sgs_pose *base = middle_view(scene, &group);
-    const vec hub = center(base), right = axis(base, 0), forward = axis(base, 2);
-    const vec up = along((vec){{0, 0, 0}}, axis(base, 1), -1);
+    const sgs_view *base = middle_view(scene, &group);
+    const vec hub = center(&base->pose), forward = axis(&base->pose, 2);
+    vec right, up;
+    held_axes(base, &right, &up);
     const double ahead = group.converge ? dot(along(group.target, hub, -1), forward) : 0;
     const double distance = ahead > 0 ? ahead : 4 * group.spread + 1e-6;
     const double radius = fmin(0.5 * group.spread, SPIRAL_WIDTH * distance);

@@ -118,7 +118,7 @@ for name in b.DNG c.HEIC d.heic; do echo raw >"$temporary/mixed/$name"; done
 with_standin run 0 reconstruct "$temporary/mixed" -o "$temporary/mixed_scene"
 check the_list_is_given grep -qxF "$temporary/mixed_scene/colmap/photographs.txt" "$CALLS"
 check the_list_has_the_photographs test "$(cat "$temporary/mixed_scene/colmap/photographs.txt")" = $'a b.JPG\nb.jpg'
-reports "mixed: 2 photograph(s) in formats that COLMAP does not read are not used, first 'c.HEIC'; convert them to JPEG"
+reports "mixed: 2 photograph(s) in other formats are not used, first 'c.HEIC'; convert them to JPEG, PNG or TIFF"
 
 # links_to_folders_are_not_followed
 cp -r "$photos" "$temporary/linked"

@@ -89,7 +89,7 @@ typedef struct reconstruction {
     char *names; // its text
     size_t name_bytes;
     size_t count;       // photographs
-    size_t unread;      // photographs in formats that COLMAP does not read
+    size_t unread;      // photographs in other formats
     char *first_unread; // name
     int width, height;  // of all photographs, or 0 if they differ
     // {"made_from": ..., "stages": [...], "kept": [...]}: `kept` has the digests of the models that
@@ -119,7 +119,7 @@ static bool is_photo(const char *name)
     return has_ending(name, endings) && !is_mask;
 }
 
-// Formats of cameras that COLMAP 3.8 does not read, or reads as a thumbnail.
+// Other formats of photographs: COLMAP 3.8 does not read them, or not as they are developed.
 static bool is_unread(const char *name)
 {
     static const char *const endings[] = {"heic", "heif", "avif", "dng", "nef", "cr2", "cr3",
@@ -599,9 +599,10 @@ static bool find_photos(reconstruction *run, json_t *made_from)
         found = false;
     }
     if (found && run->unread)
-        print_warning("%s: %zu photograph(s) in formats that COLMAP does not read are not used, "
-                      "first '%s'; convert them to JPEG, PNG or TIFF",
-                      run->photos, run->unread, run->first_unread);
+        print_warning(
+            "%s: %zu photograph(s) in other formats are not used, first '%s'; convert them "
+            "to JPEG, PNG or TIFF",
+            run->photos, run->unread, run->first_unread);
     free(run->first_unread);
     return found;
 }

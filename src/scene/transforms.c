@@ -479,42 +479,100 @@ static char *listed_name(const json_t *entry)
     return name;
 }
 
-// nerfstudio's lists of held-out images; val_filenames only without test_filenames. Frames with the
-// same name are an error later (sgsi_dataset_check_names).
-static sgs_status apply_test_names(const char *path, const json_t *root, sgsi_dataset *dataset)
+// The frames of a file by name, for nerfstudio's lists. Frames with the same name are an error
+// later (sgsi_dataset_check_names).
+typedef struct frame_index {
+    const char *path;
+    const json_t *root;
+    sgsi_dataset *dataset;
+    sgsi_frame **sorted; // [frame_count]
+    bool *listed;        // [frame_count], in the order of the frames
+} frame_index;
+
+// Marks the frames that a list names. Returns their number.
+static size_t mark_listed(const frame_index *index, const char *key, sgs_split split)
 {
-    static const char *const keys[] = {"test_filenames", "val_filenames"};
-    const size_t k = !json_array_size(json_object_get(root, keys[0]));
-    const json_t *names = json_object_get(root, keys[k]), *entry;
-    const size_t count = dataset->frame_count;
-    if (!json_array_size(names))
-        return SGS_STATUS_OK;
-    sgsi_frame **sorted = sgsi_alloc(count, sizeof *sorted);
-    if (!sorted)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for '%s'", path, keys[k]);
-    for (size_t i = 0; i < count; ++i)
-        sorted[i] = &dataset->frames[i];
-    qsort(sorted, count, sizeof *sorted, frame_order);
+    const json_t *names = json_object_get(index->root, key), *entry;
+    const size_t count = index->dataset->frame_count;
     size_t i, unknown = 0, first = 0;
     json_array_foreach(names, i, entry)
     {
         char *name = listed_name(entry);
-        sgsi_frame **found = name ? bsearch(name, sorted, count, sizeof *sorted, name_order) : NULL;
+        sgsi_frame **found =
+            name ? bsearch(name, index->sorted, count, sizeof *index->sorted, name_order) : NULL;
         sgsi_free(name);
         if (found) {
-            (*found)->split = SGS_SPLIT_TEST;
-            dataset->has_split = true;
+            (*found)->split = split;
+            index->listed[*found - index->dataset->frames] = true;
         } else if (unknown++ == 0) {
             first = i;
         }
     }
-    sgsi_free(sorted);
     if (unknown)
         sgsi_warn(
             "%s: %zu of %zu entries of '%s' match no frame and are ignored; the first is entry "
             "%zu",
-            path, unknown, json_array_size(names), keys[k], first);
-    return SGS_STATUS_OK;
+            index->path, unknown, json_array_size(names), key, first);
+    return json_array_size(names) - unknown;
+}
+
+static void drop_unlisted(const frame_index *index, const char *held_out)
+{
+    sgsi_dataset *dataset = index->dataset;
+    const size_t all = dataset->frame_count;
+    char *first = NULL;
+    dataset->frame_count = 0;
+    for (size_t i = 0; i < all; ++i) {
+        sgsi_frame *frame = &dataset->frames[i];
+        if (index->listed[i]) {
+            dataset->frames[dataset->frame_count++] = *frame;
+            continue;
+        }
+        if (!first)
+            first = frame->name;
+        else
+            sgsi_free(frame->name);
+        sgsi_free(frame->mask);
+    }
+    if (first)
+        sgsi_warn("%s: %zu of %zu frames are in neither 'train_filenames' nor '%s' and are not "
+                  "used, first '%s'",
+                  index->path, all - dataset->frame_count, all, held_out, first);
+    sgsi_free(first);
+}
+
+// nerfstudio's lists of images: test_filenames, or val_filenames without it, are held out. With
+// train_filenames, images in neither list are not used.
+static sgs_status apply_lists(const char *path, const json_t *root, sgsi_dataset *dataset)
+{
+    static const char train[] = "train_filenames";
+    const bool tests = json_array_size(json_object_get(root, "test_filenames")) > 0;
+    const char *held_out = tests ? "test_filenames" : "val_filenames";
+    const size_t count = dataset->frame_count;
+    if (!count || (!json_array_size(json_object_get(root, held_out)) &&
+                   !json_array_size(json_object_get(root, train))))
+        return SGS_STATUS_OK;
+    frame_index index = {.path = path,
+                         .root = root,
+                         .dataset = dataset,
+                         .sorted = sgsi_alloc(count, sizeof *index.sorted),
+                         .listed = sgsi_calloc(count, sizeof *index.listed)};
+    if (index.sorted && index.listed) {
+        for (size_t i = 0; i < count; ++i)
+            index.sorted[i] = &dataset->frames[i];
+        qsort(index.sorted, count, sizeof *index.sorted, frame_order);
+        const bool trains = mark_listed(&index, train, SGS_SPLIT_TRAIN) > 0;
+        if (mark_listed(&index, held_out, SGS_SPLIT_TEST))
+            dataset->has_split = true;
+        if (trains)
+            drop_unlisted(&index, held_out);
+    }
+    const bool done = index.sorted && index.listed;
+    sgsi_free(index.sorted);
+    sgsi_free(index.listed);
+    return done
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its lists of images", path);
 }
 
 // Replaces the file name of `path` by `name`.
@@ -557,8 +615,8 @@ static sgs_status read_file(const char *path, sgs_split split, sgsi_dataset *dat
     if (status)
         return status;
     status = read_frames(&r, root, split);
-    if (!status)
-        status = apply_test_names(path, root, dataset);
+    if (!status && split == SGS_SPLIT_TRAIN)
+        status = apply_lists(path, root, dataset);
     if (!status && split == SGS_SPLIT_TRAIN)
         read_points(path, root, dataset);
     json_decref(root);

@@ -4,6 +4,7 @@
 // transforms.json and its variants: axes, intrinsics from all keys, splits, the point cloud, and
 // errors with frame and key.
 
+#include <ctype.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -464,6 +465,51 @@ static void validation_names_replace_missing_test_names(void **state)
     }
 }
 
+// nerfstudio trains on the images of train_filenames only: with test_filenames, those of
+// val_filenames are in no list. A list that names no frame is ignored.
+static void frames_in_no_list_are_not_used(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *lists, *names; // a: trained, A: held out
+        const char *warning;
+    } cases[] = {
+        {"\"train_filenames\":[\"a.png\"],\"val_filenames\":[\"b.png\"],"
+         "\"test_filenames\":[\"c.png\"],",
+         "aC", "2 of 4 frames are in neither 'train_filenames' nor 'test_filenames'"},
+        {"\"train_filenames\":[\"a.png\",\"d.png\",\"c.png\"],\"val_filenames\":[\"b.png\"],",
+         "aBcd", NULL},
+        {"\"train_filenames\":[\"b\",\"b\",\"d.png\",\"none.png\"],", "bd",
+         "nor 'val_filenames' and are not used, first 'a.png'"},
+        {"\"train_filenames\":[\"none.png\"],\"test_filenames\":[\"d.png\"],", "abcD",
+         "1 of 1 entries of 'train_filenames' match no frame"},
+        {"\"train_filenames\":[],\"test_filenames\":[\"d.png\"],", "abcD", NULL}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        const temp_folder folder = temp_folder_make();
+        char text[2048], used[8] = "";
+        sgsi_dataset d;
+        warnings_begin(state);
+        snprintf(text, sizeof text,
+                 "{" GLOBAL "%s\"frames\":[" FRAME
+                 ",{\"file_path\":\"b.png\",\"transform_matrix\":" IDENTITY "}"
+                 ",{\"file_path\":\"c.png\",\"transform_matrix\":" IDENTITY "}"
+                 ",{\"file_path\":\"d.png\",\"transform_matrix\":" IDENTITY "}]}",
+                 cases[k].lists);
+        read_text(&folder, text, &d);
+        assert_true(d.frame_count <= 4);
+        for (size_t i = 0; i < d.frame_count; ++i)
+            used[i] = (char)(d.frames[i].split == SGS_SPLIT_TEST ? toupper(d.frames[i].name[0])
+                                                                 : d.frames[i].name[0]);
+        assert_string_equal(used, cases[k].names);
+        if (cases[k].warning)
+            assert_non_null(strstr(warnings, cases[k].warning));
+        else
+            assert_string_equal(warnings, "");
+        sgsi_dataset_free(&d);
+        tree_remove(&folder);
+    }
+}
+
 // Every third frame is held out; the list is in another order than the frames and has unknown names
 // and repetitions.
 static void many_test_names_are_found(void **state)
@@ -722,6 +768,7 @@ int main(void)
         cmocka_unit_test_setup(nerfstudio_test_names_are_held_out, warnings_begin),
         cmocka_unit_test_setup(test_names_may_lack_the_extension, warnings_begin),
         cmocka_unit_test_setup(validation_names_replace_missing_test_names, warnings_begin),
+        cmocka_unit_test_setup(frames_in_no_list_are_not_used, warnings_begin),
         cmocka_unit_test(many_test_names_are_found),
         cmocka_unit_test_setup(point_cloud_is_read, warnings_begin),
         cmocka_unit_test_setup(binary_point_cloud_is_read, warnings_begin),

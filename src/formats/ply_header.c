@@ -173,6 +173,11 @@ static bool begins_with(const char *text, const char *word)
     return !*word;
 }
 
+static bool is_comment(const char *line)
+{
+    return begins_with(line, "comment") || begins_with(line, "obj_info");
+}
+
 static sgs_status read_line(sgsi_ply_stream *stream, header_line *line)
 {
     size_t length = 0;
@@ -187,6 +192,8 @@ static sgs_status read_line(sgsi_ply_stream *stream, header_line *line)
                              stream->path, line->number);
         if (*byte == '\n')
             break;
+        if (length == MAX_LINE && is_comment(line->text))
+            continue; // its end is of no use
         if (length == MAX_LINE)
             return sgsi_fail(SGS_STATUS_LIMIT, "%s: line %d: longer than %d characters",
                              stream->path, line->number, MAX_LINE);
@@ -195,7 +202,7 @@ static sgs_status read_line(sgsi_ply_stream *stream, header_line *line)
     if (length && line->text[length - 1] == '\r')
         --length;
     line->text[length] = 0;
-    line->is_comment = begins_with(line->text, "comment") || begins_with(line->text, "obj_info");
+    line->is_comment = is_comment(line->text);
     for (size_t k = 0; k < length && !line->is_comment; ++k) {
         const unsigned char byte = (unsigned char)line->text[k];
         if ((byte < 32 && byte != '\t') || byte > 126)

@@ -185,10 +185,21 @@ static void ply_limits_the_header(void **state)
     file_put(temp_path(&folder, "g.ply"), text, (size_t)length);
     read_generated(&folder, SGS_STATUS_LIMIT, "line 516: more than 512 properties");
 
-    length = sprintf(text, ASCII "comment ");
+    length = sprintf(text, ASCII "property ");
     memset(text + length, 'x', 2000);
     file_put(temp_path(&folder, "g.ply"), text, (size_t)length + 2000);
     read_generated(&folder, SGS_STATUS_LIMIT, "line 3: longer than 1024 characters");
+
+    // Comments may be longer; the lines after them are read.
+    length = sprintf(text, ASCII "comment ");
+    memset(text + length, 'x', 2000);
+    length += 2000;
+    length += sprintf(text + length, "\nobj_info ");
+    memset(text + length, 'y', 60000);
+    length += 60000;
+    length += sprintf(text + length, "\nelement vertex 1\nend_header\n");
+    file_put(temp_path(&folder, "g.ply"), text, (size_t)length);
+    read_generated(&folder, SGS_STATUS_FORMAT, "property 'x'");
 
     length = sprintf(text, ASCII);
     memset(text + length, '\n', sizeof text - (size_t)length);

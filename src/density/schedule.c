@@ -65,6 +65,8 @@ enum {
     SHORT_UPDATES = 10,
     LEAST_INTERVAL = 20,
     RELOCATION_INTERVAL = 50,
+    FIRST_PRUNE = 6, // final prunes, in intervals of FastGS: 18 000 to 27 000 every 3000
+    LAST_PRUNE = 9,
     DENSE_LENGTH = 2000
 };
 #define SHORT_THRESHOLD 1.7
@@ -316,10 +318,14 @@ bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int iteration, in
            last_reset >= schedule->reset_interval;
 }
 
+// The bounds are multiples of the interval: it is rounded in a scaled run, and there would be a
+// prune at the end of densification or of the run. A longer run of the published schedule has no
+// more prunes than the published one.
 bool sgsi_schedule_is_final_prune(const sgsi_schedule *schedule, int iteration)
 {
-    const bool own = schedule->prune_interval && iteration > schedule->densify_until &&
-                     iteration < schedule->iterations && iteration % schedule->prune_interval == 0;
+    const int interval = schedule->prune_interval, k = interval ? iteration / interval : 0;
+    const bool own = k >= FIRST_PRUNE && k <= LAST_PRUNE && iteration % interval == 0 &&
+                     iteration > schedule->densify_until && iteration < schedule->iterations;
     return own || sgsi_schedule_is_thinning(schedule, iteration);
 }
 

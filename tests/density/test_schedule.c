@@ -369,6 +369,31 @@ static void fastgs_steps_and_prunes_as_published(void **state)
     assert_true(late > 250 && late < 400); // similar to the number of steps of a full run
 }
 
+// Also where the interval is rounded, and where the run is longer than the published one.
+static void fastgs_makes_four_final_prunes_at_every_length(void **state)
+{
+    (void)state;
+    for (int n = 60; n <= 60000; n = n < 1000 ? n + 1 : n * 101 / 100) {
+        const sgsi_schedule schedule = make_for(SGS_PIPELINE_FASTGS, n);
+        int prunes = 0, first = 0, last = 0;
+        for (int t = 1; t <= n; ++t)
+            if (sgsi_schedule_is_final_prune(&schedule, t)) {
+                ++prunes;
+                first = first ? first : t;
+                last = t;
+            }
+        assert_int_equal(prunes, 4);
+        assert_true(abs(10 * first - 6 * n) <= 30 && abs(10 * last - 9 * n) <= 45);
+    }
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 40000;
+    options.pipeline = SGS_PIPELINE_FASTGS;
+    options.schedule = SGS_SCHEDULE_PAPER;
+    const sgsi_schedule longer = sgsi_schedule_make(&options, &small_photos);
+    for (int t = 27001; t <= 40000; ++t)
+        assert_false(sgsi_schedule_is_final_prune(&longer, t));
+}
+
 static void dash_densifies_until_nine_tenths(void **state)
 {
     (void)state;
@@ -629,6 +654,7 @@ int main(void)
         cmocka_unit_test(random_clouds_grow_as_published),
         cmocka_unit_test(finetuning_has_no_milestones),
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),
+        cmocka_unit_test(fastgs_makes_four_final_prunes_at_every_length),
         cmocka_unit_test(dash_densifies_until_nine_tenths),
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),

@@ -17,7 +17,7 @@ typedef struct sgsi_scored_image {
     size_t stride; // of error and weights
     const float *error;
     float error_min, error_max;
-    const uint8_t *pixels; // planes of the photograph, [channels][height][width]
+    const uint8_t *pixels; // planes of the photograph over the background, [3][height][width]
 } sgsi_scored_image;
 
 // A rendered view with its sums per primitive.

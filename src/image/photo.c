@@ -52,6 +52,15 @@ size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width,
            sgs_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
+void sgsi_photo_over_bytes(const sgs_photo *photo, const float background[3], uint8_t *bytes)
+{
+    const size_t plane = (size_t)photo->width * (size_t)photo->height;
+    for (size_t k = 0; k < 3 * plane; ++k) {
+        const float value = sgsi_photo_over(photo, k / plane, k % plane, background);
+        bytes[k] = (uint8_t)(255.0f * fmaxf(fminf(value, 1.0f), 0.0f) + 0.5f);
+    }
+}
+
 sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info,
                                    const sgs_camera *camera)
 {

@@ -72,6 +72,20 @@ sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info
 // Decoded size in bytes of such a photograph at this resolution, including a mask.
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height);
 
+// Colour c of a pixel over a background: straight alpha, as the loss compares it.
+static inline float sgsi_photo_over(const sgs_photo *photo, size_t c, size_t pixel,
+                                    const float background[3])
+{
+    const size_t plane = (size_t)photo->width * (size_t)photo->height;
+    if (photo->channels < 4)
+        return sgs_photo_value(photo, c * plane + pixel);
+    const float opaque = sgs_photo_value(photo, 3 * plane + pixel);
+    return opaque * sgs_photo_value(photo, c * plane + pixel) + (1.0f - opaque) * background[c];
+}
+
+// The same of all pixels, clamped to [0, 1] and rounded to 8 bits: [3][height][width].
+void sgsi_photo_over_bytes(const sgs_photo *photo, const float background[3], uint8_t *bytes);
+
 // Frees the planes and keeps the other fields.
 void sgsi_photo_release(sgs_photo *photo);
 

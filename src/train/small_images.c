@@ -20,9 +20,15 @@ static sgs_image8 pixels_of(const sgs_photo *photo)
                         .pixels = photo->pixels};
 }
 
+// The photographs of a plan.
+typedef struct plan_source {
+    const sgsi_train_views *views;
+    uint8_t *bytes; // of a photograph with alpha, over the background
+} plan_source;
+
 static void view_size(void *context, size_t i, int *width, int *height)
 {
-    const sgsi_train_views *views = context;
+    const sgsi_train_views *views = ((const plan_source *)context)->views;
     const sgs_camera *camera = &views->scene->views[views->scene_views[i]].camera;
     *width = camera->width;
     *height = camera->height;
@@ -36,19 +42,35 @@ static sgs_status photo_8bit(const sgsi_train_views *views, size_t i, const sgs_
     return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: photographs are not 8-bit", views->scene->path);
 }
 
+// What the loss compares: colours of transparent pixels do not count.
 static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
 {
+    plan_source *source = context;
     const sgs_photo *photo;
-    const sgs_status status = photo_8bit(context, i, &photo);
-    if (!status)
-        *image = pixels_of(photo);
-    return status;
+    const sgs_status status = photo_8bit(source->views, i, &photo);
+    if (status)
+        return status;
+    *image = pixels_of(photo);
+    if (photo->channels < 4)
+        return SGS_STATUS_OK;
+    sgsi_free(source->bytes);
+    source->bytes = sgsi_alloc((size_t)photo->width * (size_t)photo->height, 3);
+    if (!source->bytes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
+                         photo->width, photo->height);
+    sgsi_photo_over_bytes(photo, source->views->options->background, source->bytes);
+    image->channels = 3;
+    image->pixels = source->bytes;
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi_resolution *plan)
 {
-    const sgsi_image_source images = {(void *)views, views->count, view_size, view_pixels};
-    return sgsi_resolution_plan(&images, until, plan);
+    plan_source source = {views, NULL};
+    const sgsi_image_source images = {&source, views->count, view_size, view_pixels};
+    const sgs_status status = sgsi_resolution_plan(&images, until, plan);
+    sgsi_free(source.bytes);
+    return status;
 }
 
 // First pixel that reduced pixel `at` covers, and the end of them; sides of up to 65536 pixels.

@@ -11,6 +11,7 @@
 #include "base/threads.h"
 #include "cluster/row_streams.h"
 #include "image/mask.h"
+#include "image/photo.h"
 #include "sparegs/image.h"
 
 void sgsi_view_scores_free(sgsi_view_scores *scores)
@@ -121,10 +122,12 @@ static void fill_view(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-// The photograph's colours in 8 bits; half-float values are clamped to [0, 1].
-static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgs_photo *photo)
+// The colours of the photograph in 8 bits, over the background: those of transparent pixels do not
+// count. Half-float values are clamped to [0, 1].
+static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgsi_train_view *view)
 {
-    if (!photo->halves)
+    const sgs_photo *photo = view->target;
+    if (!photo->halves && photo->channels == 3)
         return photo->pixels;
     const size_t values = 3 * (size_t)photo->width * (size_t)photo->height;
     if (values > scores->byte_capacity) {
@@ -132,9 +135,8 @@ static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgs_photo *pho
         scores->bytes = sgsi_alloc(values, 1);
         scores->byte_capacity = scores->bytes ? values : 0;
     }
-    for (size_t k = 0; k < values && scores->bytes; ++k)
-        scores->bytes[k] =
-            (uint8_t)(255.0f * fmaxf(fminf(sgs_photo_value(photo, k), 1.0f), 0.0f) + 0.5f);
+    if (scores->bytes)
+        sgsi_photo_over_bytes(photo, view->background, scores->bytes);
     return scores->bytes;
 }
 
@@ -162,19 +164,15 @@ static sgsi_scored_image error_image(const sgsi_train_views *views, const sgsi_t
                                .error_min = INFINITY,
                                .error_max = -INFINITY,
                                .pixels = bytes};
-    const size_t pixels = (size_t)image.width * (size_t)image.height;
-    const bool alpha = target->channels == 4;
     for (int y = 0; y < image.height; ++y)
         for (int x = 0; x < image.width; ++x) {
             const size_t at = (size_t)y * image.stride + (size_t)x,
                          from = (size_t)y * (size_t)image.width + (size_t)x;
-            const float opaque = alpha ? sgs_photo_value(target, 3 * pixels + from) : 1.0f;
             float sum = 0.0f;
             for (int c = 0; c < 3; ++c) {
                 const float value =
                     drawn.color[c][at] + drawn.transmittance[at] * view->background[c];
-                const float photo = opaque * sgs_photo_value(target, (size_t)c * pixels + from) +
-                                    (1.0f - opaque) * view->background[c];
+                const float photo = sgsi_photo_over(target, (size_t)c, from, view->background);
                 sum += fabsf(fminf(fmaxf(value, 0.0f), target->is_hdr ? INFINITY : 1.0f) - photo);
             }
             error[at] =
@@ -190,7 +188,7 @@ static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipelin
                                const sgsi_train_view *view, sgsi_view_scores *scores)
 {
     const sgs_photo *target = view->target;
-    const uint8_t *bytes = photo_bytes(scores, target);
+    const uint8_t *bytes = photo_bytes(scores, view);
     if (!bytes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
                          target->width, target->height);

@@ -25,7 +25,7 @@ typedef struct sgsi_view_scores {
     sgsi_score_columns columns; // with several ranks
     float *error, *weight;      // [height][stride] of the view being scored
     size_t plane_floats;
-    uint8_t *bytes; // its photograph in 8 bits, if it is not 8-bit
+    uint8_t *bytes; // its photograph in 8 bits, if it is not 8-bit or has alpha
     size_t byte_capacity;
 } sgsi_view_scores;
 

@@ -303,27 +303,37 @@ static triangle triangle_at(int out, double scale, int size)
     return filter;
 }
 
-// Reduction of an image: rows are independent of each other. Colours are weighted by alpha, so that
-// transparent pixels do not mix in.
+// Reduction of an image: rows are independent of each other. Colours are weighted by alpha, and
+// pixels by their validity, so that transparent and masked pixels do not mix in.
 typedef struct triangle_job {
     const sgs_image8 *image;
+    const uint16_t *valid_mask; // or NULL
     sgs_image8 *out;
     triangle *columns; // [width of out]
-    float *rows;       // [threads][2][width of the image]
+    float *rows;       // [threads][3][width of the image]
 } triangle_job;
 
-// Vertical filter of channel c, times alpha if `alpha` is not NULL.
-static void filter_rows(const sgs_image8 *image, int c, const uint8_t *alpha,
+static const uint8_t *alpha_of(const sgs_image8 *image)
+{
+    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    return image->channels == 4 ? image->pixels + 3 * pixels : NULL;
+}
+
+// Vertical filter of `plane` (NULL: of ones) times alpha, if it is not NULL, at valid pixels.
+static void filter_rows(const triangle_job *job, const uint8_t *plane, const uint8_t *alpha,
                         const triangle *filter, float *row)
 {
-    const size_t width = (size_t)image->width;
-    const uint8_t *const plane = image->pixels + (size_t)c * width * (size_t)image->height;
-    memset(row, 0, width * sizeof *row);
+    const int width = job->image->width;
+    memset(row, 0, (size_t)width * sizeof *row);
     for (int k = 0; k < filter->taps; ++k) {
-        const size_t at = (size_t)(filter->first + k) * width;
-        for (size_t x = 0; x < width; ++x)
-            row[x] +=
-                filter->weights[k] * (float)plane[at + x] * (alpha ? (float)alpha[at + x] : 1.0f);
+        const int y = filter->first + k;
+        const size_t at = (size_t)y * (size_t)width;
+        for (int x = 0; x < width; ++x) {
+            const float value = plane ? (float)plane[at + (size_t)x] : 1.0f;
+            if (sgs_mask_is_valid(job->valid_mask, width, x, y))
+                row[x] +=
+                    filter->weights[k] * value * (alpha ? (float)alpha[at + (size_t)x] : 1.0f);
+        }
     }
 }
 
@@ -335,36 +345,50 @@ static float filter_columns(const triangle *filter, const float *row)
     return sum;
 }
 
-static void reduce_rows(void *context, size_t begin, size_t end, int thread)
+// Row y of channel c. share: sums of the weights of colours and of alpha; NULL: they are 1.
+static void reduce_row(const triangle_job *job, size_t y, int c, const triangle *filter,
+                       const float *share, float *row)
 {
-    const triangle_job *job = context;
     const sgs_image8 *image = job->image;
     sgs_image8 *out = job->out;
     const size_t from = (size_t)image->width * (size_t)image->height, width = (size_t)out->width,
                  to = width * (size_t)out->height;
-    const uint8_t *const alpha = image->channels == 4 ? image->pixels + 3 * from : NULL;
-    float *const row = job->rows + 2 * (size_t)thread * (size_t)image->width;
-    float *const share = row + image->width; // of alpha
-    for (size_t y = begin; y < end; ++y) {
-        const triangle filter =
-            triangle_at((int)y, (double)image->height / out->height, image->height);
-        if (alpha)
-            filter_rows(image, 3, NULL, &filter, share);
-        for (int c = 0; c < image->channels; ++c) {
-            const bool weighted = alpha && c < 3;
-            filter_rows(image, c, weighted ? alpha : NULL, &filter, row);
-            for (size_t x = 0; x < width; ++x) {
-                float sum = filter_columns(&job->columns[x], row);
-                const float opacity = weighted ? filter_columns(&job->columns[x], share) : 0.0f;
-                sum = opacity > 0.0f ? sum / opacity : sum;
-                out->pixels[(size_t)c * to + y * width + x] =
-                    (uint8_t)fminf(fmaxf(sum + 0.5f, 0.0f), 255.0f);
-            }
-        }
+    filter_rows(job, image->pixels + (size_t)c * from, c < 3 ? alpha_of(image) : NULL, filter, row);
+    for (size_t x = 0; x < width; ++x) {
+        float sum = filter_columns(&job->columns[x], row);
+        const float weight = share ? filter_columns(&job->columns[x], share) : 0.0f;
+        sum = weight > 0.0f ? sum / weight : sum;
+        out->pixels[(size_t)c * to + y * width + x] =
+            (uint8_t)fminf(fmaxf(sum + 0.5f, 0.0f), 255.0f);
     }
 }
 
-sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out)
+static void reduce_rows(void *context, size_t begin, size_t end, int thread)
+{
+    const triangle_job *job = context;
+    const sgs_image8 *image = job->image;
+    const uint8_t *const alpha = alpha_of(image);
+    const size_t width = (size_t)image->width;
+    float *const row = job->rows + 3 * (size_t)thread * width, *const share = row + width,
+                 *const valid = share + width;
+    for (size_t y = begin; y < end; ++y) {
+        const triangle filter =
+            triangle_at((int)y, (double)image->height / job->out->height, image->height);
+        if (alpha)
+            filter_rows(job, alpha, NULL, &filter, share);
+        if (job->valid_mask)
+            filter_rows(job, NULL, NULL, &filter, valid);
+        for (int c = 0; c < image->channels; ++c)
+            reduce_row(job, y, c, &filter,
+                       alpha && c < 3    ? share
+                       : job->valid_mask ? valid
+                                         : NULL,
+                       row);
+    }
+}
+
+sgs_status sgsi_image8_triangle(const sgs_image8 *image, const uint16_t *valid_mask, int scale,
+                                sgs_image8 *out)
 {
     const int width = image->width / scale > 0 ? image->width / scale : 1,
               height = image->height / scale > 0 ? image->height / scale : 1;
@@ -372,9 +396,10 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *
     out->pixels = sgsi_alloc((size_t)width * (size_t)height, (size_t)image->channels);
     triangle_job job = {
         .image = image,
+        .valid_mask = valid_mask,
         .out = out,
         .columns = sgsi_alloc((size_t)width, sizeof *job.columns),
-        .rows = sgsi_alloc(2 * (size_t)image->width * (size_t)sgsi_threads(), sizeof *job.rows)};
+        .rows = sgsi_alloc(3 * (size_t)image->width * (size_t)sgsi_threads(), sizeof *job.rows)};
     const bool complete = out->pixels && job.columns && job.rows;
     if (complete) {
         for (int x = 0; x < width; ++x)

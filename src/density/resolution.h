@@ -47,6 +47,8 @@ void sgsi_spectrum_free(sgsi_spectrum *spectrum);
 double sgsi_spectrum_window(const sgsi_spectrum *spectrum, double scale);
 
 // Reduces all channels of an image to floor(size / scale) with a triangle filter of that support
-// ("bilinear, antialias"), rounded to 8 bits; colours of 4 channels are weighted by alpha. Fails
-// with OUT_OF_MEMORY; *out is then empty.
-sgs_status sgsi_image8_triangle(const sgs_image8 *image, int scale, sgs_image8 *out);
+// ("bilinear, antialias"), rounded to 8 bits; colours of 4 channels are weighted by alpha, and
+// invalid pixels (valid_mask as in sgs_photo, NULL: none) do not mix in. Fails with OUT_OF_MEMORY;
+// *out is then empty.
+sgs_status sgsi_image8_triangle(const sgs_image8 *image, const uint16_t *valid_mask, int scale,
+                                sgs_image8 *out);

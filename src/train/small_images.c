@@ -119,7 +119,7 @@ static sgs_status reduce_view(const sgsi_train_views *views, size_t i, int scale
         return status;
     const sgs_image8 image = pixels_of(photo);
     sgs_image8 small;
-    status = sgsi_image8_triangle(&image, scale, &small);
+    status = sgsi_image8_triangle(&image, photo->valid_mask, scale, &small);
     if (status)
         return status;
     *out = (sgs_photo){.width = small.width,

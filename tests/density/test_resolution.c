@@ -188,7 +188,7 @@ static void reduced_images_are_the_triangle_filter(void **state)
     (void)state;
     sgs_image8 image = make_image(37, 26, 3, 0.8), small;
     for (int scale = 1; scale <= 8; ++scale) {
-        assert_int_equal(sgsi_image8_triangle(&image, scale, &small), SGS_STATUS_OK);
+        assert_int_equal(sgsi_image8_triangle(&image, NULL, scale, &small), SGS_STATUS_OK);
         assert_int_equal(small.width, 37 / scale);
         assert_int_equal(small.height, 26 / scale);
         for (int y = 0; y < small.height; ++y)
@@ -223,7 +223,7 @@ static void transparent_pixels_do_not_mix_in(void **state)
         image.pixels[i] = (uint8_t)(255 * sgsi_random_uniform(7, i));
     for (size_t i = 0; i < N; ++i)
         image.pixels[3 * N + i] = i % W < 8 ? 0 : image.pixels[3 * N + i];
-    assert_int_equal(sgsi_image8_triangle(&image, 2, &small), SGS_STATUS_OK);
+    assert_int_equal(sgsi_image8_triangle(&image, NULL, 2, &small), SGS_STATUS_OK);
     for (int y = 0; y < H / 2; ++y)
         for (int x = 0; x < W / 2; ++x) {
             double sum[3] = {0}, alpha = 0, weight = 0;
@@ -247,6 +247,42 @@ static void transparent_pixels_do_not_mix_in(void **state)
     sgs_image8_free(&image);
 }
 
+// Neither colours nor alpha of masked pixels have an effect where some pixel is valid.
+static void masked_pixels_do_not_mix_in(void **state)
+{
+    (void)state;
+    enum { W = 22, H = 14, N = W * H };
+    uint16_t valid[H][(W + 15) / 16] = {0};
+    for (int y = 0; y < H; ++y)
+        for (int x = 7; x < W; ++x)
+            valid[y][x / 16] |= (uint16_t)(1u << (x % 16));
+    for (int channels = 3; channels <= 4; ++channels) {
+        sgs_image8 small[2];
+        for (int noise = 0; noise < 2; ++noise) {
+            sgs_image8 image = {.width = W, .height = H, .channels = channels};
+            image.pixels = sgsi_alloc(N, 4);
+            for (size_t i = 0; i < (size_t)channels * N; ++i) {
+                const bool masked = i % W < 7;
+                image.pixels[i] = (uint8_t)(255 * sgsi_random_uniform(masked && noise ? 8 : 7, i));
+                if (!masked && i < 3 * (size_t)N)
+                    image.pixels[i] = 200;
+            }
+            assert_int_equal(sgsi_image8_triangle(&image, &valid[0][0], 2, &small[noise]),
+                             SGS_STATUS_OK);
+            sgs_image8_free(&image);
+        }
+        for (int c = 0; c < channels; ++c)
+            for (int y = 0; y < H / 2; ++y)
+                for (int x = 3; x < W / 2; ++x) {
+                    const int at = (c * (H / 2) + y) * (W / 2) + x;
+                    assert_int_equal(small[0].pixels[at], small[1].pixels[at]);
+                    assert_true(c == 3 || small[0].pixels[at] == 200);
+                }
+        sgs_image8_free(&small[0]);
+        sgs_image8_free(&small[1]);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -256,6 +292,7 @@ int main(void)
         cmocka_unit_test(flat_images_have_a_valid_scale),
         cmocka_unit_test(reduced_images_are_the_triangle_filter),
         cmocka_unit_test(transparent_pixels_do_not_mix_in),
+        cmocka_unit_test(masked_pixels_do_not_mix_in),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -17,6 +17,12 @@ check the_mean_equals_the_summary jq -es '(.[0].mean.psnr - .[1].test.psnr | fab
     (.[0].mean.ssim - .[1].test.ssim | fabs) < 1e-6' "$temporary/eval.json" "$model/summary.json"
 run 0 eval "$model" "$room" --split all --json
 json "$temporary/stdout" '.images | length == 35'
+# the_folder_of_an_iteration_has_the_options_of_its_run
+run 0 eval "$model/point_cloud/iteration_40" "$room" --json
+check the_scores_are_those_of_the_run cmp "$temporary/stdout" "$temporary/eval.json"
+ln -s "$model/point_cloud/iteration_40" "$temporary/linked"
+run 0 eval "$temporary/linked" "$room" --json
+check the_scores_are_those_of_the_run cmp "$temporary/stdout" "$temporary/eval.json"
 run 0 eval "$model/point_cloud/iteration_40/point_cloud.ply" "$room" --downscale 4 --test-images 0002.jpg,0003.jpg --json
 json "$temporary/stdout" '[.images[].name] == ["0002.jpg", "0003.jpg"]'
 

@@ -406,6 +406,36 @@ bool model_is(const char *model)
     return is;
 }
 
+// The run folder OUT of a folder OUT/point_cloud/iteration_N, or NULL. Release with free().
+static char *run_of_iteration(const char *folder)
+{
+    static const char middle[] = "/point_cloud";
+    char *run = realpath(folder, NULL), *slash = run ? strrchr(run, '/') : NULL;
+    if (slash)
+        *slash = 0;
+    const size_t length = run ? strlen(run) : 0, tail = sizeof middle - 1;
+    const bool is = length > tail && !strcmp(run + length - tail, middle);
+    free(run);
+    return is ? format_text("%s/../..", folder) : NULL;
+}
+
+// Reads RUN/config.json if it exists. Takes `run`, which may be NULL.
+static void read_run_config(char *run, model_path *located)
+{
+    char *config = run ? format_text("%s/config.json", run) : NULL;
+    if (config && file_exists(config)) {
+        json_error_t error;
+        located->config = load_json(config, 0, &error);
+        if (!located->config) {
+            char *fault = json_load_fault(config, &error);
+            print_warning("%s; its options are ignored", fault);
+            free(fault);
+        }
+    }
+    free(config);
+    located->run = run;
+}
+
 bool model_locate(const char *model, model_path *located)
 {
     *located = (model_path){0};
@@ -419,31 +449,24 @@ bool model_locate(const char *model, model_path *located)
         return true;
     }
     located->ply_path = iteration_model(model);
-    if (located->ply_path)
+    if (located->ply_path) {
+        read_run_config(run_of_iteration(model), located);
         return true;
+    }
     char path[4096];
     if (sgs_run_model_path(model, path, sizeof path, &located->iteration)) {
         fail_library();
         return false;
     }
     located->ply_path = format_text("%s", path);
-    char *config = format_text("%s/config.json", model);
-    if (file_exists(config)) {
-        json_error_t error;
-        located->config = load_json(config, 0, &error);
-        if (!located->config) {
-            char *fault = json_load_fault(config, &error);
-            print_warning("%s; its options are ignored", fault);
-            free(fault);
-        }
-    }
-    free(config);
+    read_run_config(format_text("%s", model), located);
     return true;
 }
 
 void model_path_free(model_path *located)
 {
     free(located->ply_path);
+    free(located->run);
     json_decref(located->config);
     *located = (model_path){0};
 }

@@ -70,10 +70,11 @@ json_t *json_number(double value);
 // column is at most `last_iteration` (0: none). NULL after printing the error.
 FILE *csv_open(const char *path, const char *header, int last_iteration);
 
-// A resolved MODEL argument. The struct owns ply_path, a file of any model format or a SOG folder;
-// config is the parsed OUT/config.json or NULL.
+// A resolved MODEL argument. The struct owns ply_path, a file of any model format or a SOG folder,
+// and run, the run folder or NULL: MODEL, or the one that holds the iteration MODEL. config is the
+// parsed config.json of the run or NULL.
 typedef struct model_path {
-    char *ply_path;
+    char *ply_path, *run;
     json_t *config;
     int iteration; // of a run folder; 0 for a file
 } model_path;

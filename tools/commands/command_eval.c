@@ -57,7 +57,7 @@ static const option eval_options[] = {
      .kind = OPTION_FOLDER,
      .offset = offsetof(eval_values, run),
      .argument = "OUT",
-     .shown = "MODEL, if it is a run folder",
+     .shown = "MODEL, if it is a run folder or one of its iterations",
      .help = "take image folder, size, split, filter and background from this run, for a model "
              "derived from it"},
     LPIPS_OPTIONS(eval_values),
@@ -320,11 +320,9 @@ static int evaluate_model(const command_line *line, const model_path *located,
     return done ? interrupt_status() : EXIT_FAILED;
 }
 
-// Locates MODEL, and with --run replaces its config by that of the run. *run: the run folder.
-static bool locate(const char *model, const eval_values *values, model_path *located,
-                   const char **run)
+// Locates MODEL, and with --run replaces its run by that one.
+static bool locate(const char *model, const eval_values *values, model_path *located)
 {
-    *run = values->run ? values->run : model;
     if (!model_locate(model, located))
         return false;
     if (!values->run)
@@ -335,10 +333,11 @@ static bool locate(const char *model, const eval_values *values, model_path *loc
     const bool is_run = other.config != NULL;
     if (!is_run)
         fail_run("%s: not a run folder: config.json does not exist or is damaged", values->run);
-    json_decref(located->config);
-    located->config = json_incref(other.config);
-    located->iteration = other.iteration;
-    model_path_free(&other);
+    free(other.ply_path);
+    other.ply_path = located->ply_path;
+    located->ply_path = NULL;
+    model_path_free(located);
+    *located = other;
     return is_run;
 }
 
@@ -369,17 +368,16 @@ int command_eval(int argc, char **argv)
     model_path located;
     sgs_scene *scene = NULL;
     status = EXIT_FAILED;
-    const char *run;
-    if (locate(call.line.operands[0], &values, &located, &run)) {
+    if (locate(call.line.operands[0], &values, &located)) {
         status = model_scene_resolve(&data, &call.line, &located);
         if (status < 0)
             scene = scene_open(call.line.operands[1], &data, true);
         if (status < 0 && scene) {
             scene_warn_idle(scene, &data, &call.line);
-            if (located.iteration)
-                run_record_check_scene(run, scene);
+            if (located.run)
+                run_record_check_scene(located.run, scene);
             drawing_resolve(&drawing, &call.line, located.config, &data, scene);
-            char *path = format_text("%s/exposure.json", run);
+            char *path = format_text("%s/exposure.json", located.run ? located.run : "");
             bool damaged = false;
             json_t *exposures = json_is_true(config_option(located.config, "exposure"))
                                     ? exposure_read(path, &damaged)

@@ -506,8 +506,8 @@ static bool open_scene(pruning *p, const scene_values *data)
         p->scene = scene_open(p->line->operands[1], data, p->values->finetune > 0);
         if (!p->scene)
             return false;
-        if (p->located.iteration)
-            run_record_check_scene(p->model_name, p->scene);
+        if (p->located.run)
+            run_record_check_scene(p->located.run, p->scene);
         if (p->values->finetune)
             scene_warn_idle(p->scene, data, p->line);
     }

@@ -135,6 +135,8 @@ url=$(grep -o 'http://[^ [:cntrl:]]*' "$temporary/terminal.out" | head -1)
 page action pause leave
 wait_for 'primitives  paused  RSS' "$temporary/terminal.out"
 check the_line_says_paused grep -q 'primitives  paused  RSS' "$temporary/terminal.out"
+# The bar leaves room for the numbers in 80 columns.
+check the_line_has_the_remaining_time grep -qE 'it/s  ETA [0-9]+:[0-9]+  RSS' "$temporary/terminal.out"
 page action stop
 wait "$training"
 

@@ -24,7 +24,7 @@
 #include "sparegs/status.h"
 #include "sparegs/option_descriptors.h"
 
-enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, LINE_EVERY = 100 };
+enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, BAR_LEAST = 5, LINE_EVERY = 100 };
 
 static struct {
     pthread_mutex_t lock;
@@ -256,17 +256,31 @@ static int terminal_width(void)
     return !ioctl(STDERR_FILENO, TIOCGWINSZ, &size) && size.ws_col > 0 ? size.ws_col : 80;
 }
 
+// The bar of a line of `width` columns, as wide as the numbers leave room for; none if that is
+// little, so that the numbers stay visible.
+static void bar_text(const progress_state *state, int width, char text[BAR_WIDTH + 4])
+{
+    const int columns = width < BAR_WIDTH ? width : BAR_WIDTH;
+    *text = 0;
+    if (columns < BAR_LEAST)
+        return;
+    const int full = (int)((double)columns * state->iteration / state->total);
+    for (int i = 0; i < columns; ++i)
+        text[i + 1] = i < full ? '#' : '.';
+    text[0] = '[';
+    memcpy(text + columns + 1, "] ", 3);
+}
+
 static void print_state(const char *numbers, const progress_state *state)
 {
-    char bar[BAR_WIDTH + 1] = {0}, line[512];
+    char bar[BAR_WIDTH + 4], line[512];
     const bool terminal = isatty(STDERR_FILENO);
-    const int full = (int)((double)BAR_WIDTH * state->iteration / state->total);
-    for (int i = 0; i < BAR_WIDTH; ++i)
-        bar[i] = i < full ? '#' : '.';
-    snprintf(line, sizeof line, "[%s] %s", bar, numbers);
+    const int width = terminal_width() - 1;
+    bar_text(state, width - (int)strlen(numbers) - 3, bar);
+    snprintf(line, sizeof line, "%s%s", bar, numbers);
     pthread_mutex_lock(&console.lock);
     if (terminal)
-        fprintf(stderr, "\r%.*s\033[K", terminal_width() - 1, line);
+        fprintf(stderr, "\r%.*s\033[K", width, line);
     else
         fprintf(stderr, "%s\n", numbers);
     fflush(stderr);

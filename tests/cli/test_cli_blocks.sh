@@ -131,6 +131,18 @@ json "$temporary/stdout" '.seams.images == 2 and .seams.reference_psnr_seam == n
 check stdout_is_the_summary test "$(jq -Sc . "$temporary/stdout")" = "$(jq -Sc . "$temporary/merged/summary.json")"
 run 0 merge "$dir" -o "$temporary/without" --seam-images 0
 json "$temporary/without/summary.json" '.seams == null'
+# a_moved_folder_of_blocks_is_complete: its coarse model is found, its scripts and --resume work there
+compared=$(jq -c .seams "$temporary/merged/summary.json")
+mv "$dir" "$temporary/moved"
+run 0 merge "$temporary/moved" "$room" -o "$temporary/from_moved" --seam-images 2 --json
+json "$temporary/stdout" '.seams.reference_psnr_seam > 5 and '"$compared"'.psnr_seam == .seams.psnr_seam'
+check the_moved_script_continues env SLURM_ARRAY_TASK_ID=0 bash "$temporary/moved/blocks.sh" --iterations 90 "${options[@]}"
+mv "$temporary/moved/coarse" "$temporary/gone"
+run 0 merge "$temporary/moved" "$room" -o "$temporary/from_moved" --seam-images 2 --json --overwrite
+reports "the model that the blocks started from is missing or was trained again"
+json "$temporary/stdout" '.seams.reference_psnr_seam == null'
+mv "$temporary/gone" "$temporary/moved/coarse"
+mv "$temporary/moved" "$dir"
 run 1 merge "$dir" -o "$temporary/no" --seam-reference "$temporary/nowhere" --quiet
 one_line
 reports "nowhere: no such model"

@@ -150,17 +150,49 @@ static bool write_run(merging *m)
     return done;
 }
 
-// Reads the model of --seam-reference, if there is one. False after printing the error.
+static bool read_model(const char *path, sgs_gaussians **model)
+{
+    model_path located;
+    const bool done = model_locate(path, &located) && model_read(&located, NULL, model);
+    model_path_free(&located);
+    return done;
+}
+
+// Reads `path` as the reference if it is the model that the blocks started from. False after
+// printing the error.
+static bool read_start(merging *m, const char *path)
+{
+    const char *expected = json_string_value(json_object_get(m->blocks.configs[0], "init_hash"));
+    char hash[17];
+    if (m->reference || !model_is(path))
+        return true;
+    if (!read_model(path, &m->reference))
+        return false;
+    sgs_gaussians_hash(m->reference, hash);
+    if (expected && strcmp(hash, expected) != 0) {
+        sgs_gaussians_destroy(m->reference);
+        m->reference = NULL;
+    }
+    return true;
+}
+
+// Reads the model of --seam-reference, or the model that the blocks started from: where it was, or,
+// if DIR was moved, DIR/coarse. False after printing the error.
 static bool read_reference(merging *m)
 {
     const char *given = m->values->reference,
                *start = json_string_value(config_option(m->blocks.configs[0], "init"));
-    const char *path = given ? given : start && model_is(start) ? start : "none";
-    model_path located;
-    if (!m->values->seam_images || !strcmp(path, "none"))
+    if (!m->values->seam_images || (given && !strcmp(given, "none")))
         return true;
-    const bool done = model_locate(path, &located) && model_read(&located, NULL, &m->reference);
-    model_path_free(&located);
+    if (given)
+        return read_model(given, &m->reference);
+    char *coarse = format_text("%s/coarse", m->blocks.folder);
+    const bool done = (!start || read_start(m, start)) && read_start(m, coarse);
+    if (done && !m->reference)
+        print_warning("%s: the model that the blocks started from is missing or was trained again; "
+                      "the seams are compared without it, or with --seam-reference",
+                      start ? start : coarse);
+    free(coarse);
     return done;
 }
 

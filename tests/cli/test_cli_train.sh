@@ -150,6 +150,15 @@ json "$temporary/capped/summary.json" '.gaussians <= 500'
 # init_starts_from_a_model
 run 0 train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --init "$temporary/capped" --quiet
 json "$temporary/refined/summary.json" '.gaussians <= 500'
+# resume_accepts_the_same_model_under_another_path
+resume_refined() { run "$1" train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --resume --quiet --init "$2"; }
+mv "$temporary/capped" "$temporary/kept"
+resume_refined 0 "$temporary/kept/point_cloud/iteration_3/point_cloud.ply"
+resume_refined 1 "$temporary/many"
+reports "--init was $temporary/kept/point_cloud/iteration_3/point_cloud.ply when the run started and is $temporary/many now"
+# without_a_region the checkpoint replaces a model that changed
+cp -r "$temporary/many/." "$temporary/kept/"
+resume_refined 0 "$temporary/kept/point_cloud/iteration_3/point_cloud.ply"
 
 # opaque_photographs: sets background and weight unless given; a run records the option
 run 0 train "$room" --downscale 8 -o "$temporary/opaque" --iterations 150 --opaque --quiet

@@ -494,6 +494,9 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
         const sgs_train_option *row = sgs_train_option_find(key);
         if (same_value(value, old) || (old && row && sgs_train_option_may_change(row, options)))
             continue; // the library warns about a change
+        if (!strcmp(key, "init") && json_object_get(now, "init_hash") &&
+            same_value(json_object_get(now, "init_hash"), json_object_get(stored, "init_hash")))
+            continue; // the same model under another path
         if (!strcmp(key, "images") && is_default_folder(value) && is_default_folder(old))
             continue;
         char name[32];

@@ -65,7 +65,7 @@ typedef struct training {
     char hash[17];
     block_plan plan;      // of --region PLAN:K
     size_t region_count;  // primitives in --region
-    char init_hash[17];   // of the model of --init, with --region
+    char init_hash[17];   // of the model of --init
     json_t *stored;       // the config of the run to resume
     char *checkpoint;     // the file that was loaded, or NULL
     json_t *traffic;      // between ranks, or NULL
@@ -156,7 +156,7 @@ static bool create_trainer(training *run)
             model_warn_space(&located, run->scene->space);
         model_path_free(&located);
     }
-    if (ready && run->values.region)
+    if (ready && init)
         sgs_gaussians_hash(init, run->init_hash);
     // Warnings about the initial model do not apply if a checkpoint replaces it.
     messages_hear_library(!run->values.resume || !run_folder_has_checkpoint(&run->folder));
@@ -211,7 +211,7 @@ static json_t *config_of(const training *run)
                         json_number(sgs_near_distance(run->scene->extent)));
     run_record_milestones(config, run->trainer);
     run_record_split(config, run->scene);
-    if (run->values.region)
+    if (run->values.init)
         json_object_set_new(config, "init_hash", json_string(run->init_hash));
     if (run->plan.root)
         block_plan_record(&run->plan, run->values.region_plan, run->values.region_block, config);

@@ -96,7 +96,9 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene)
 bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now)
 {
     const json_t *before = json_object_get(stored, "init_hash");
-    if (json_equal(before, json_object_get(now, "init_hash")) || !before)
+    const char *region = json_string_value(config_option(now, "region"));
+    if (json_equal(before, json_object_get(now, "init_hash")) || !before || !region ||
+        !strcmp(region, "none")) // a checkpoint replaces the model
         return true;
     fail_run("%s: the model of --init changed since the run started; resume with the same model",
              config_path);

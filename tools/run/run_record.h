@@ -27,8 +27,8 @@ bool run_record_split_agrees(const char *config_path, const json_t *config, cons
 // camera in OUT/cameras.json, or none.
 void run_record_check_scene(const char *folder, const sgs_scene *scene);
 
-// True if a run with --region continues with the initial model that it started from; otherwise
-// prints the error.
+// True if a run with --region continues with the initial model that it started from, or the run has
+// no region; otherwise prints the error.
 bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now);
 
 // The reason in summary.json. Cannot fail.

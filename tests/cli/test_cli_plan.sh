@@ -93,6 +93,12 @@ check the_tables_are_there test -s "$temporary/sub/text/x.md"
 sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "$temporary/sub/page/x.html" >"$temporary/data.json"
 check the_data_have_no_tag bash -c "! grep -F '<' '$temporary/data.json'"
 json "$temporary/data.json" '.title == "</script><!--<script>"'
+# a_relative_scene_is_in_the_folder_of_the_experiment
+mkdir -p "$temporary/results/moved/point_cloud/iteration_1"
+touch "$temporary/results/moved/point_cloud/iteration_1/point_cloud.ply"
+echo '{"scene": "scenes/a", "options": {}}' >"$temporary/results/moved/config.json"
+report 0 '.runs[0].folder = "moved"'
+reports "results/moved: no picture of this run: scenes/a: no such folder; run the report in the folder in which the experiment ran;"
 for case in 'plan.pipelines[0] must be a string:.plan.pipelines = [1]' 'plan.pipelines must be a list:.plan.pipelines = "3dgs"' \
     'runs[0].scene must be a string:.runs = [{}]' 'runs[1].scene must be a string:.runs[1] = 5' \
     'runs[0].pipeline must be a string:.runs[0].pipeline = null' 'runs[0].variant must be a string:del(.runs[0].variant)' \

@@ -251,10 +251,13 @@ static json_t *draw_picture(const char *folder, const char *path, const json_t *
         const char *scene_path = json_string_value(json_object_get(located.config, "scene"));
         if (!scene_path)
             fail_run("%s/config.json: names no scene", path);
-        sgs_scene *scene =
-            parsed && scene_path && model_scene_resolve(&data, &nothing, &located) < 0
-                ? scene_open(scene_path, &data, true)
-                : NULL;
+        const bool found = scene_path && (*scene_path == '/' || file_exists(scene_path));
+        if (scene_path && !found)
+            fail_run("%s: no such folder; run the report in the folder in which the experiment ran",
+                     scene_path);
+        sgs_scene *scene = parsed && found && model_scene_resolve(&data, &nothing, &located) < 0
+                               ? scene_open(scene_path, &data, true)
+                               : NULL;
         sgs_gaussians *model = NULL;
         evaluator evaluation = {0};
         view_score score;

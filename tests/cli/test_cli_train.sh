@@ -160,6 +160,12 @@ reports "--init was $temporary/kept/point_cloud/iteration_3/point_cloud.ply when
 cp -r "$temporary/many/." "$temporary/kept/"
 resume_refined 0 "$temporary/kept/point_cloud/iteration_3/point_cloud.ply"
 
+# a_new_iteration_to_save_that_has_passed_is_reported
+run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --resume --save-at 2,3
+reports "warning: --save-at: the run resumes at iteration 3; the model of iteration 2 cannot be saved"
+run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --resume --save-at 2,3
+check it_is_reported_once bash -c "! grep -q save-at '$temporary/stderr'"
+
 # opaque_photographs: sets background and weight unless given; a run records the option
 run 0 train "$room" --downscale 8 -o "$temporary/opaque" --iterations 150 --opaque --quiet
 json "$temporary/opaque/config.json" '.options | .opaque == true and .background == "random" and .alpha_loss == 0.1'

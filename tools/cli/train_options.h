@@ -56,5 +56,6 @@ json_t *train_config(const char *scene_path, const train_values *values, const s
 bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now,
                          const sgs_train_options *options);
 // Copies the "resumed" list of `stored` to `now` and appends an entry for this continuation: its
-// iteration, and the former values of the options that changed.
+// iteration, and the former values of the options that changed. Warns about iterations of
+// --save-at that the run has passed.
 void train_config_record(const json_t *stored, json_t *now, int iteration);

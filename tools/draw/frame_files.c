@@ -67,6 +67,14 @@ static void linearise(const frame_files *files, sgs_frame *frame)
     }
 }
 
+sgs_camera camera_with_border(const sgs_camera *camera, int pixels)
+{
+    sgs_camera out = sgs_camera_shifted(camera, pixels, pixels);
+    out.width += 2 * pixels;
+    out.height += 2 * pixels;
+    return out;
+}
+
 // Larger values would become infinite.
 static void limit_to_half(sgs_frame *frame)
 {
@@ -208,10 +216,8 @@ typedef struct view_matrices {
 
 static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matrices *matrices)
 {
-    const int over = files->overscan;
-    sgs_camera shown = sgs_camera_shifted(files->camera, -over, -over); // the display window
-    shown.width -= 2 * over;
-    shown.height -= 2 * over;
+    // Of the display window.
+    const sgs_camera shown = camera_with_border(files->camera, -files->overscan);
     camera_matrices(&shown, files->pose, matrices->to_camera, files->near_distance,
                     matrices->to_ndc);
     double *k = matrices->intrinsics;
@@ -231,7 +237,7 @@ static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matr
                           .view_name = files->name,
                           .compression = files->compression,
                           .frame_rate = files->frame_rate,
-                          .overscan = over};
+                          .overscan = files->overscan};
 }
 
 static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame,

@@ -34,6 +34,9 @@ typedef struct frame_files {
     bool is_silent;                  // EXR only: the path is not printed
 } frame_files;
 
+// The camera of an image with `pixels` more on each side, or less if negative.
+sgs_camera camera_with_border(const sgs_camera *camera, int pixels);
+
 // Opens FOLDER/STEM.deep.exr. NULL after printing the error.
 typedef struct deep_file deep_file;
 deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples);

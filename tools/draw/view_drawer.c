@@ -360,20 +360,12 @@ static void start_writing(view_drawer *drawer)
 }
 
 // Draws a view and waits until the previous one is written.
-static sgs_camera with_overscan(const sgs_camera *camera, int pixels)
-{
-    sgs_camera larger = sgs_camera_shifted(camera, pixels, pixels);
-    larger.width += 2 * pixels;
-    larger.height += 2 * pixels;
-    return larger;
-}
-
 static bool draw_view(view_drawer *drawer, const named_camera *view)
 {
     const view_options *o = drawer->options;
     sgs_render_options options = drawing_render_options(drawer->drawing);
     sgs_camera *camera = &drawer->cameras[drawer->frame != drawer->frames];
-    *camera = with_overscan(&view->camera, o->overscan);
+    *camera = camera_with_border(&view->camera, o->overscan);
     options.axis_depth = o->axis_depth;
     if (o->axis_depth && !has_axis_depth(view->name, camera))
         return false;

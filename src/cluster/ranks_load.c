@@ -4,14 +4,12 @@
 // Launchers and plug-ins. A launcher announces itself in the environment; only then is the plug-in
 // of its MPI library loaded, so that a plain run needs no MPI.
 
-#include <dlfcn.h>
-#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/core.h"
+#include "base/plugin.h"
 #include "cluster/rank_calls.h"
 
 // Variables of a launcher: number of processes and number of this one.
@@ -62,66 +60,30 @@ void sgs_ranks_forget_launcher(void)
         unsetenv(launchers[i].count);
 }
 
-// Loads folder/name and joins the ranks. False, with the reason of the last attempt, if it cannot
-// be loaded.
+// Loads a plug-in and joins the ranks. False, with the reason of the last attempt, if it cannot be
+// loaded.
 static bool try_plugin(const char *folder, const char *name, sgsi_transport *transport,
                        char *reason, size_t bytes)
 {
-    char path[PATH_MAX];
-    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path ||
-        access(path, F_OK)) {
-        return false;
-    }
     // Open MPI's own plug-ins look its symbols up globally.
-    void *library = dlopen(path, RTLD_NOW | RTLD_GLOBAL);
+    void *plugin = sgsi_plugin_load(folder, name, true, reason, bytes);
     sgsi_transport_open_fn open_fn;
-    void *symbol = library ? dlsym(library, SGSI_TRANSPORT_OPEN) : NULL;
-    if (!symbol) {
-        snprintf(reason, bytes, "%.400s", dlerror());
+    if (!plugin || !sgsi_plugin_find(plugin, SGSI_TRANSPORT_OPEN, &open_fn, reason, bytes))
         return false;
-    }
-    memcpy(&open_fn, &symbol, sizeof open_fn); // C has no cast from an object to a function
     if (open_fn(transport) == SGSI_TRANSPORT_VERSION)
         return true;
-    snprintf(reason, bytes, "%.400s belongs to another version of sparegs", path);
+    snprintf(reason, bytes, "%s belongs to another version of sparegs", name);
     return false;
-}
-
-// The folder of the program's file.
-static bool program_folder(char folder[PATH_MAX])
-{
-    const ssize_t length = readlink("/proc/self/exe", folder, PATH_MAX - 1);
-    if (length <= 0)
-        return false;
-    folder[length] = 0;
-    char *slash = strrchr(folder, '/');
-    if (!slash)
-        return false;
-    *slash = 0;
-    return true;
 }
 
 static bool find_plugin(const char *folder, const char *wanted, sgsi_transport *transport,
                         char *reason, size_t bytes)
 {
     static const char *const names[] = {"ranks-openmpi.so", "ranks-mpich.so"};
-    static const char *const places[] = {"", "/../lib/sparegs"};
-    char program[PATH_MAX], place[PATH_MAX];
-    if (!folder && !program_folder(program))
-        return false;
-    for (size_t n = 0; n < 2; ++n) {
-        if (wanted && strcmp(names[n], wanted))
-            continue;
-        if (folder) {
-            if (try_plugin(folder, names[n], transport, reason, bytes))
-                return true;
-            continue;
-        }
-        for (size_t p = 0; p < 2; ++p)
-            if (snprintf(place, sizeof place, "%s%s", program, places[p]) < (int)sizeof place &&
-                try_plugin(place, names[n], transport, reason, bytes))
-                return true;
-    }
+    for (size_t n = 0; n < 2; ++n)
+        if ((!wanted || !strcmp(names[n], wanted)) &&
+            try_plugin(folder, names[n], transport, reason, bytes))
+            return true;
     return false;
 }
 

@@ -1,0 +1,65 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "base/plugin.h"
+
+#include <dlfcn.h>
+#include <limits.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+static void *load_from(const char *folder, const char *file, bool global, char *reason,
+                       size_t bytes)
+{
+    char path[PATH_MAX];
+    if (snprintf(path, sizeof path, "%s/%s", folder, file) >= (int)sizeof path ||
+        access(path, F_OK)) {
+        return NULL;
+    }
+    void *plugin = dlopen(path, RTLD_NOW | (global ? RTLD_GLOBAL : RTLD_LOCAL));
+    if (!plugin)
+        snprintf(reason, bytes, "%.400s", dlerror());
+    return plugin;
+}
+
+// The folder of the program's file.
+static bool program_folder(char folder[PATH_MAX])
+{
+    const ssize_t length = readlink("/proc/self/exe", folder, PATH_MAX - 1);
+    if (length <= 0)
+        return false;
+    folder[length] = 0;
+    char *slash = strrchr(folder, '/');
+    if (!slash)
+        return false;
+    *slash = 0;
+    return true;
+}
+
+void *sgsi_plugin_load(const char *folder, const char *file, bool global, char *reason,
+                       size_t bytes)
+{
+    static const char *const places[] = {"", "/../lib/sparegs"};
+    if (folder)
+        return load_from(folder, file, global, reason, bytes);
+    char program[PATH_MAX], place[PATH_MAX];
+    if (!program_folder(program))
+        return NULL;
+    void *plugin = NULL;
+    for (size_t p = 0; p < 2 && !plugin; ++p)
+        if (snprintf(place, sizeof place, "%s%s", program, places[p]) < (int)sizeof place)
+            plugin = load_from(place, file, global, reason, bytes);
+    return plugin;
+}
+
+bool sgsi_plugin_find(void *plugin, const char *name, void *function, char *reason, size_t bytes)
+{
+    void *symbol = dlsym(plugin, name);
+    if (!symbol) {
+        snprintf(reason, bytes, "%.400s", dlerror());
+        return false;
+    }
+    memcpy(function, &symbol, sizeof symbol); // C has no cast from an object to a function
+    return true;
+}

@@ -134,5 +134,12 @@ mv "$temporary/hand/variant.json" "$temporary/hand/results.json"
 run 0 report "$temporary/hand" --pictures 0 --maps 0
 check variant_of_one_scene grep -qE '^\| t \| 80 \| .*\| -20.0 % \| \+0.0 % \|' "$temporary/hand/report.md"
 check lpips_replaces_flip grep -qF '| base SSIM | base LPIPS |' "$temporary/hand/report.md"
+# Results without a counterpart have a table: those of variant t, and those of variant on if off has none.
+check single_variant_has_rows grep -qF '| 3dgs | t | prune-refine | a | 0.5 | 2.00 | 2.00 | 28.00 | 0.9000 | 0.3000 |' "$temporary/hand/report.md"
+check pairs_are_not_repeated bash -c "! grep -qE '^[|] 3dgs [|] o(n|ff) [|] prune-refine' '$temporary/hand/report.md'"
+jq '(.runs[] | select(.variant == "off")).post = []' "$temporary/hand/results.json" >"$temporary/hand/single.json"
+mv "$temporary/hand/single.json" "$temporary/hand/results.json"
+run 0 report "$temporary/hand" --pictures 0 --maps 0
+check step_of_one_variant grep -qF '| 3dgs | on | prune-refine | a | 0.3 | 2.00 | 2.00 | 30.00 |' "$temporary/hand/report.md"
 
 finish

@@ -285,11 +285,76 @@ static const char *perceptual_of(const json_t *runs)
     return "flip";
 }
 
-static json_t *kind_table(const json_t *results, const char *kind, const char *title)
+// Whether a variant of the scene has a result at the point that no table of pairs shows.
+static bool is_single(const selection *chosen, const char *scene, const char *variant,
+                      const char *point)
+{
+    const bool paired = !strcmp(variant, "off") || !strcmp(variant, "on");
+    return !isnan(scene_figures(chosen, scene, variant, point).values[BYTES]) &&
+           !(paired && has_results(chosen, scene, point));
+}
+
+static void put_single(json_t *table, const selection *chosen, const char *scene,
+                       const char *variant, const char *point)
+{
+    const figures mean = scene_figures(chosen, scene, variant, point);
+    json_t *row = json_array();
+    table_put_text(row, chosen->pipeline);
+    table_put_text(row, variant);
+    table_put_text(row, chosen->step);
+    table_put_text(row, scene);
+    table_put_text(row, point);
+    for (int f = 0; f < FIGURES; ++f)
+        table_put_number(row, formats[f], mean.values[f]);
+    table_end_row(table, row);
+}
+
+// The single results of a step, in the order of the plan.
+static void put_singles(json_t *table, selection *chosen, const json_t *points)
+{
+    size_t v, s, k;
+    const json_t *variant, *scene, *point;
+    json_array_foreach(json_object_get(chosen->plan, "variants"), v, variant)
+    {
+        const char *name = json_member_text(variant, "name");
+        json_array_foreach(json_object_get(chosen->plan, "scenes"), s, scene)
+        {
+            const char *of = json_member_text(scene, "name");
+            json_array_foreach(points, k, point)
+            {
+                if (is_single(chosen, of, name, json_string_value(point)))
+                    put_single(table, chosen, of, name, json_string_value(point));
+            }
+        }
+    }
+}
+
+// put(table, selection, points) for every pipeline and every step of a kind.
+static void for_each_step(const json_t *results, const char *kind, json_t *table,
+                          void (*put)(json_t *, selection *, const json_t *))
 {
     const json_t *plan = json_object_get(results, "plan"), *runs = json_object_get(results, "runs");
-    const char *perceptual = perceptual_of(runs);
-    const bool lpips = !strcmp(perceptual, "lpips");
+    json_t *steps = steps_of(runs, kind);
+    const json_t *pipelines = json_object_get(plan, "pipelines");
+    for (size_t p = 0; p < json_array_size(pipelines); ++p) {
+        const char *step;
+        json_t *points;
+        json_object_foreach(steps, step, points)
+        {
+            selection chosen = {.plan = plan,
+                                .runs = runs,
+                                .pipeline = json_string_value(json_array_get(pipelines, p)),
+                                .step = step,
+                                .perceptual = perceptual_of(runs)};
+            put(table, &chosen, points);
+        }
+    }
+    json_decref(steps);
+}
+
+static json_t *kind_table(const json_t *results, const char *kind, const char *title)
+{
+    const bool lpips = !strcmp(perceptual_of(json_object_get(results, "runs")), "lpips");
     const char *const columns[] = {"pipeline",
                                    "step",
                                    "scenes",
@@ -316,34 +381,40 @@ static json_t *kind_table(const json_t *results, const char *kind, const char *t
         "at equal PSNR; BD-PSNR: change in PSNR "
         "at equal size; N/A without a common range, or if a smaller file of a curve is better.",
         columns);
-    json_t *steps = steps_of(runs, kind);
-    const json_t *pipelines = json_object_get(plan, "pipelines");
-    for (size_t p = 0; p < json_array_size(pipelines); ++p) {
-        const char *step;
-        json_t *points;
-        json_object_foreach(steps, step, points)
-        {
-            selection chosen = {.plan = plan,
-                                .runs = runs,
-                                .pipeline = json_string_value(json_array_get(pipelines, p)),
-                                .step = step,
-                                .perceptual = perceptual};
-            put_step(table, &chosen, points);
-        }
-    }
-    json_decref(steps);
+    for_each_step(results, kind, table, put_step);
     return table;
+}
+
+static json_t *single_table(const json_t *results, const char *const kinds[], size_t count)
+{
+    const bool lpips = !strcmp(perceptual_of(json_object_get(results, "runs")), "lpips");
+    const char *const columns[] = {"pipeline", "variant", "step", "scene", "point",
+                                   "MiB",      "s",       "PSNR", "SSIM",  lpips ? "LPIPS" : "FLIP",
+                                   NULL};
+    json_t *table =
+        table_new("Pruning and compression of single variants",
+                  "Results of variants other than off and on, and of one of them where the other "
+                  "has none. Size in MiB (2^20 bytes), seconds of the step, quality of the "
+                  "held-out images; means over seeds.",
+                  columns);
+    for (size_t k = 0; k < count; ++k)
+        for_each_step(results, kinds[k], table, put_singles);
+    return table;
+}
+
+// Appends a table that has rows. Steals the reference to `table`.
+static void add_table(json_t *tables, json_t *table)
+{
+    if (json_array_size(json_object_get(table, "rows")))
+        json_array_append(tables, table);
+    json_decref(table);
 }
 
 void post_tables_add(const json_t *results, json_t *tables)
 {
-    static const char *const kinds[][2] = {
-        {"prune", "Pruning of models without and with SPARE-GS"},
-        {"compress", "Compression of models without and with SPARE-GS"}};
-    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
-        json_t *table = kind_table(results, kinds[k][0], kinds[k][1]);
-        if (json_array_size(json_object_get(table, "rows")))
-            json_array_append(tables, table);
-        json_decref(table);
-    }
+    static const char *const kinds[] = {"prune", "compress"};
+    add_table(tables, kind_table(results, "prune", "Pruning of models without and with SPARE-GS"));
+    add_table(tables,
+              kind_table(results, "compress", "Compression of models without and with SPARE-GS"));
+    add_table(tables, single_table(results, kinds, sizeof kinds / sizeof *kinds));
 }

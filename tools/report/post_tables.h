@@ -8,5 +8,6 @@
 
 #include <jansson.h>
 
-// Appends a table for pruning and one for compression to `tables` if the results have such steps.
+// Appends a table for pruning and one for compression to `tables` if the results have such steps,
+// and one for the results that have no counterpart of variant off or on.
 void post_tables_add(const json_t *results, json_t *tables);

@@ -52,6 +52,9 @@ milestones "$published and [.densify_from, .densify_until, .densify_interval] ==
 milestones '.reset_interval == 0 and .optimizer == "dense" and .densify_until == 25000' --pipeline mcmc --schedule paper
 milestones '.densify_from == 0 and .densify_until == 0 and .densify_interval == 0 and .sh_interval == 0' --schedule finetune \
     --init "$out"
+check finetuning_a_model_causes_no_warning bash -c "! grep -q warning '$temporary/stderr'"
+run 0 train "${data[@]}" -o "$temporary/milestones" --overwrite --iterations 2 --schedule finetune
+reports "--schedule finetune is for a trained model: without --init"
 
 # a_run_without_recorded_names_uses_its_options
 cp -r "$out" "$temporary/old"

@@ -165,6 +165,11 @@ run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --resume -
 reports "warning: --save-at: the run resumes at iteration 3; the model of iteration 2 cannot be saved"
 run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --resume --save-at 2,3
 check it_is_reported_once bash -c "! grep -q save-at '$temporary/stderr'"
+run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --resume
+mkdir "$temporary/many/point_cloud/iteration_1"
+cp "$temporary/many/point_cloud/iteration_3/point_cloud.ply" "$temporary/many/point_cloud/iteration_1/"
+run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --resume --save-at 1
+check a_saved_model_is_not_reported bash -c "! grep -q save-at '$temporary/stderr'"
 
 # opaque_photographs: sets background and weight unless given; a run records the option
 run 0 train "$room" --downscale 8 -o "$temporary/opaque" --iterations 150 --opaque --quiet

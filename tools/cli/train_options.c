@@ -513,8 +513,17 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
     return true;
 }
 
-// Warns about new iterations of --save-at that a run which resumes at `iteration` has passed.
-static void warn_passed(const json_t *stored, const json_t *now, int iteration)
+static bool is_saved(const char *folder, json_int_t iteration)
+{
+    char *path = format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder, (int)iteration);
+    const bool exists = file_exists(path);
+    free(path);
+    return exists;
+}
+
+// Warns about new iterations of --save-at that a run which resumes at `iteration` has passed
+// without a model.
+static void warn_passed(const char *folder, const json_t *stored, const json_t *now, int iteration)
 {
     const json_t *list = json_object_get(now, "save_at"), *old = json_object_get(stored, "save_at");
     const json_int_t last = json_integer_value(config_option(now, "iterations"));
@@ -523,16 +532,16 @@ static void warn_passed(const json_t *stored, const json_t *now, int iteration)
         bool known = at > iteration || at == last; // the last one is always saved
         for (size_t k = 0; k < json_array_size(old); ++k)
             known = known || at == json_integer_value(json_array_get(old, k));
-        if (!known)
+        if (!known && !is_saved(folder, at))
             print_warning("--save-at: the run resumes at iteration %d; the model of iteration %d "
                           "cannot be saved",
                           iteration, (int)at);
     }
 }
 
-void train_config_record(const json_t *stored, json_t *now, int iteration)
+void train_config_record(const char *folder, const json_t *stored, json_t *now, int iteration)
 {
-    warn_passed(stored, now, iteration);
+    warn_passed(folder, stored, now, iteration);
     json_t *list = json_deep_copy(json_object_get(stored, "resumed")), *entry = json_object(),
            *changed = json_object();
     const char *key;

@@ -57,5 +57,5 @@ bool train_config_agrees(const char *config_path, const json_t *stored, const js
                          const sgs_train_options *options);
 // Copies the "resumed" list of `stored` to `now` and appends an entry for this continuation: its
 // iteration, and the former values of the options that changed. Warns about iterations of
-// --save-at that the run has passed.
-void train_config_record(const json_t *stored, json_t *now, int iteration);
+// --save-at that the run in `folder` has passed without a model.
+void train_config_record(const char *folder, const json_t *stored, json_t *now, int iteration);

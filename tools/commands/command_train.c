@@ -240,7 +240,7 @@ static bool open_own_folder(training *run, const char *config_path, json_t *conf
     const int iteration = sgs_trainer_iteration(run->trainer),
               structure = sgs_trainer_structure_iteration(run->trainer);
     if (resumed) {
-        train_config_record(run->stored, config, iteration);
+        train_config_record(run->values.output, run->stored, config, iteration);
         print_note("%s: resuming at iteration %d", run->values.output, iteration);
     }
     return begin_run(run, config_path, config) &&

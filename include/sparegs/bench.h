@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Benchmarks: synthetic scenes by seed, the phases of a training iteration, and the limits of the
-// machine. Does not train: the model is restored after each iteration. Writes no files.
+// Benchmarks: synthetic scenes generated from a seed, the phases of a training iteration, and the
+// limits of the machine. Does not train: the model is restored after each iteration. Writes no
+// files.
 //
 // The measured iteration is the trainer's own, between two structural updates and with all SH bands
 // active: project, refit, gather and blend with the depth bounds of the previous visit, loss,
@@ -34,11 +35,11 @@ typedef struct sgs_bench_scene {
     sgs_view views[SGS_BENCH_VIEWS]; // cameras and poses; no images
 } sgs_bench_scene;
 
-// Name of scene `index` ("sparse-32k", "dense-500k", ..., "dense-5m"); NULL beyond the last scene.
+// Name of scene `index` ("sparse-32k", "dense-500k", ...); NULL beyond the last scene.
 SGS_API const char *sgs_bench_scene_name(size_t index);
 // Description of scene `index` in a sentence; NULL beyond the last scene.
 SGS_API const char *sgs_bench_scene_text(size_t index);
-// True if scene `index` takes minutes or gigabytes, so that a bench of all scenes omits it.
+// True if scene `index` takes minutes or gigabytes, so that a benchmark of all scenes omits it.
 SGS_API bool sgs_bench_scene_by_name_only(size_t index);
 
 // Creates the scene of that name, the same on all machines and for any number of threads. Fails
@@ -93,7 +94,7 @@ typedef struct sgs_bench sgs_bench;
 // and sgs_trainer_step do; *bench is then NULL.
 SGS_API sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views,
                                     size_t view_count, sgs_bench **bench);
-// The same for a model that is drawn with the filter, near_distance and compact_box of `options`
+// The same for a model that is rendered with the filter, near_distance and compact_box of `options`
 // (NULL = the defaults). Other members have no effect; filter_3d must be NULL. Also fails with
 // INVALID_ARGUMENT (options) or UNSUPPORTED (filter_3d).
 SGS_API sgs_status sgs_bench_create_with(const sgs_gaussians *model, const sgs_view *views,
@@ -159,7 +160,7 @@ typedef struct sgs_rank_prediction {
 
 // Predicts the messages of ranks[i] ranks (2 to 1024) into predictions[count], from the lists of an
 // iteration per view: bytes and messages are those that these ranks would count (sgs_ranks_counted)
-// with images cut by the costs of the previous visit. Call after sgs_bench_run. Fails with
+// with images divided by the costs of the previous visit. Call after sgs_bench_run. Fails with
 // INVALID_ARGUMENT or OUT_OF_MEMORY.
 SGS_API sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
                                    sgs_rank_prediction *predictions);

@@ -3,8 +3,8 @@
 #pragma once
 
 // Division of a large scene into blocks that are trained separately (sgs_train_options.region), as
-// VastGaussian (Lin et al. 2024, section 4) does it: cells of similar work, and for each cell the
-// views that see enough of it, its empty space included. No training, no files.
+// in VastGaussian (Lin et al. 2024, section 4): cells with a similar amount of work, and for each
+// cell the views that see enough of it, including its empty space. No training, no files.
 //
 // Threads: functions may be called from any thread, concurrently for different scenes.
 
@@ -20,8 +20,10 @@ enum { SGS_BLOCKS_MOST = 256 };
 typedef struct sgs_block_options {
     size_t struct_size; // set by sgs_block_options_default()
     int count;          // number of blocks, 2..SGS_BLOCKS_MOST; 2
-    double margin;      // growth of a cell before views are assigned, in sides of it, 0..10; 0.2
-    double share; // fraction of a view's lines of sight that must cross the grown cell, 0..1; 0.1
+    // Added on each side of a cell before views are assigned, in units of that side, 0..10; 0.2.
+    double margin;
+    // Fraction of a view's lines of sight that must cross the enlarged cell, 0..1; 0.1.
+    double share;
 } sgs_block_options;
 
 // Cannot fail.
@@ -43,7 +45,7 @@ typedef struct sgs_blocks {
 // cells; each plane balances sqrt(views x sparse points) between its sides in proportion to their
 // numbers of blocks. The photographs need not be loaded. options NULL = the defaults.
 //
-// A view belongs to a block if enough of its lines of sight cross the grown cell: those from its
+// A view belongs to a block if enough of its lines of sight cross the enlarged cell: those from its
 // centre to the sparse points in its image, occluded ones included. Counting only the points in the
 // cell is not enough: primitives that grow in the empty space of a cell occlude what a camera sees
 // through it. (The bundled scene in four blocks: 29.4 dB with a share of 0.25 instead of 27.2; 29.8

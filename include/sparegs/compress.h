@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Compression of a trained model to a small file, and back. Five published methods; each has its
-// own file layout inside one container. No viewer format: a decompressed model is written as PLY.
+// Compression of a trained model to a small file, and back. Four published methods and FCGS-like,
+// each with its own file layout inside a common container. Viewers cannot read these files: a
+// decompressed model is written as PLY.
 //
 // Threads: calls on different models may run at the same time. The results do not depend on the
 // number of threads; decompression gives the same bits on every machine.
@@ -20,12 +21,12 @@ extern "C" {
 #endif
 
 typedef enum sgs_compress_method {
-    SGS_COMPRESS_LIGHTGAUSSIAN = 0, // Fan et al. 2024: vector quantisation of the harmonics
+    SGS_COMPRESS_LIGHTGAUSSIAN = 0, // Fan et al. 2024: vector quantisation of the SH coefficients
     SGS_COMPRESS_SOG = 1,           // Morgenstern et al. 2024: Self-Organizing Gaussians
     SGS_COMPRESS_MESONGS = 2,       // Xie et al. 2024: octree, RAHT, block quantisation
     SGS_COMPRESS_GHAP = 3,          // Gaussian Herding across Pens: mixture reduction
     SGS_COMPRESS_FCGS = 4,          // Chen et al. 2025: a trained network; UNSUPPORTED
-    SGS_COMPRESS_FCGS_LIKE = 5      // a codec of the structure of FCGS, without its network
+    SGS_COMPRESS_FCGS_LIKE = 5      // a codec with the structure of FCGS, without its network
 } sgs_compress_method;
 
 // How SGS_COMPRESS_SOG stores its images, always without loss.
@@ -48,7 +49,7 @@ typedef struct sgs_compress_options {
     const sgs_render_options *render; // filter and near distance of these views; NULL = defaults
     float background[3];
     int finetune; // iterations; -1 = the method's default: 0 without a scene
-    // Share of the primitives to keep, in (0, 1]: LightGaussian, MesonGS, GHAP.
+    // Fraction of the primitives to keep, in (0, 1]: LightGaussian, MesonGS, GHAP.
     double keep;
     double eig_min; // GHAP: lower limit of eigenvalues of the covariance, world units squared
 
@@ -56,9 +57,9 @@ typedef struct sgs_compress_options {
     int position_bits, dc_bits, sh_bits, scale_bits, rotation_bits, opacity_bits;
     sgs_image_codec codec;
 
-    // LightGaussian: share of the primitives whose harmonics are quantised; half: 16-bit floats for
-    // what is not quantised; distill: iterations of the distillation to harmonics of degree 2, 0 =
-    // none.
+    // LightGaussian. vq_ratio: fraction of the primitives whose SH coefficients are quantised.
+    // half: store values that are not quantised as 16-bit floats. distill: iterations of the
+    // distillation to SH degree 2, 0 = none.
     double vq_ratio;
     bool half;
     int distill;
@@ -73,8 +74,8 @@ typedef struct sgs_compress_options {
 
     double step_scale; // FCGS-like: factor on all quantiser steps
 
-    // Marks, recorded in the file if they are not the defaults: the model was trained with
-    // Mip-Splatting's filters, and the meaning of its colours.
+    // Recorded in the file if they are not the defaults: the model was trained with Mip-Splatting's
+    // filters; the meaning of its colours.
     bool antialiased;
     sgs_model_colors colors;
 
@@ -93,11 +94,11 @@ typedef struct sgs_compress_info {
     size_t gaussians; // primitives in the file
     size_t bytes;     // size of the file
     int sh_degree;    // of the model in the file
-    bool antialiased; // marks of the file; see sgs_compress_options
+    bool antialiased; // as recorded in the file; see sgs_compress_options
     sgs_model_colors colors;
 } sgs_compress_info;
 
-// The name of a method, as on the command line: "lightgaussian"; NULL for an unknown one.
+// The name of a method, as on the command line: "lightgaussian"; NULL for an unknown method.
 SGS_API const char *sgs_compress_method_name(sgs_compress_method method);
 // The command-line name of the only option that the presets of a method set: "keep", "vq-ratio" or
 // "step-scale"; NULL if they set several, or for an unknown method.

@@ -41,7 +41,7 @@ typedef struct sgs_gaussians {
     size_t capacity; // multiple of 16
     int sh_degree;   // 0..3: degree stored in files; higher coefficients are 0
     // SGS_PARAM_OPACITY holds x, opacity |x|, which may exceed 1, instead of the logit. Files and
-    // digests contain the logit of at most 1 - 1e-6.
+    // hashes contain the logit of at most 1 - 1e-6.
     bool linear_opacity;
     // [capacity / 16][SGS_PARAM_COUNT][16], 64-byte aligned, owned; rows >= count are inert.
     float *data;
@@ -59,8 +59,8 @@ SGS_API void sgs_gaussians_destroy(sgs_gaussians *model);
 // unchanged.
 SGS_API sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity);
 
-// Sets the count. New rows are inert: opacity logit -30 (or opacity 0), unit rotation, log scale
-// -20, zero elsewhere. Fails as reserve; the model is then unchanged.
+// Sets the count. New rows are inert: opacity logit -30 (or opacity 0), identity rotation, log
+// scale -20, zero elsewhere. Fails as reserve; the model is then unchanged.
 SGS_API sgs_status sgs_gaussians_resize(sgs_gaussians *model, size_t count);
 
 // Makes `to`, an existing model, equal to `from`. Fails as resize; `to` is then unchanged.
@@ -99,7 +99,7 @@ SGS_API void sgs_gaussians_linearize_opacity(sgs_gaussians *model);
 SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
 // Initial model of 3DGS for a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to
-// the 3 nearest other points (exact), opacity 0.1, unit rotation, SH band 0 from the colour.
+// the 3 nearest other points (exact), opacity 0.1, identity rotation, SH band 0 from the colour.
 // points: [n][3], world; colors: [n][3], 8-bit.
 //
 // fallback_scale: a hundredth of the scene's extent, world units. A single point has this scale.
@@ -138,7 +138,7 @@ SGS_API sgs_status sgs_ply_write_points(const char *path, const float *points,
                                         const unsigned char *colors, size_t n);
 
 // XXH3 (64 bits) of count, SH degree and all parameters, row by row, as 16 hex digits and a NUL.
-// The digest depends on the order of the rows. Cannot fail.
+// The hash depends on the order of the rows. Cannot fail.
 SGS_API void sgs_gaussians_hash(const sgs_gaussians *model, char hex[17]);
 
 #ifdef __cplusplus

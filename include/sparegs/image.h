@@ -7,7 +7,7 @@
 // it, so a failed write keeps the existing file.
 //
 // Threads: all functions may be called from any thread at any time; calls on one sgs_exr_deep, one
-// after the other. Two calls that write the same file: the last one remains.
+// after the other. If two calls write the same file, the last one wins.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -35,7 +35,7 @@ typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
 typedef struct sgs_model_colors {
     bool named;         // `space` is known; without it, colours are usually display-encoded
     sgs_space space;    // of the model's colours
-    double white_point; // linear light that is 1 in them, > 0; 0 = unknown
+    double white_point; // linear light that maps to 1 in them, > 0; 0 = unknown
 } sgs_model_colors;
 
 // A photograph prepared for training: planes as in sgs_image8, 3 or 4 channels, colours in the
@@ -122,7 +122,7 @@ typedef enum sgs_exr_compression {
     SGS_EXR_PIZ,  // wavelets: smaller for noisy images
     SGS_EXR_NONE,
     // Cosine transform of R, G, B, also of layers: much smaller, visually lossless. All other
-    // channels, also those named Y, are lossless. An image of one channel has ZIP instead.
+    // channels, also those named Y, are lossless. An image of one channel uses ZIP instead.
     SGS_EXR_DWAA,
     SGS_EXR_COMPRESSION_COUNT
 } sgs_exr_compression;

@@ -75,10 +75,10 @@ SGS_API const char *sgs_lpips_network(const sgs_lpips *lpips);
 SGS_API int sgs_lpips_smallest(const sgs_lpips *lpips);
 
 // LPIPS of two images, 0 = equal. Display values (sRGB). Sizes must match; three channels are used.
-// Invalid pixels (valid_mask as in sgs_flip) are black in both images, and each feature counts by
-// the share of valid pixels in its cell of the image. Uses all threads. *distance: NaN where no
-// pixel is valid, and after a failure. Fails with INVALID_ARGUMENT (sizes; images smaller than 16
-// pixels with vgg, 31 with alex) or OUT_OF_MEMORY.
+// Invalid pixels (valid_mask as in sgs_flip) are black in both images, and each feature is weighted
+// by the fraction of valid pixels in its cell of the image. Uses all threads. *distance: NaN where
+// no pixel is valid, and after a failure. Fails with INVALID_ARGUMENT (sizes; images smaller than
+// 16 pixels with vgg, 31 with alex) or OUT_OF_MEMORY.
 SGS_API sgs_status sgs_lpips_distance(const sgs_lpips *lpips, sgs_lpips_input input,
                                       const sgs_image8 *a, const sgs_image8 *b,
                                       const uint16_t *valid_mask, double *distance);
@@ -86,7 +86,7 @@ SGS_API sgs_status sgs_lpips_distance(const sgs_lpips *lpips, sgs_lpips_input in
 // Sharpness of a render: the energy (sum of squares) of the 5-point Laplacian of its luma (0.299,
 // 0.587, 0.114), relative to that of the photograph. 1 = as much detail as the photograph, below 1
 // = blurred, above 1 = noisier. Counts pixels that are valid and have four valid neighbours. NaN if
-// sizes differ or the photograph has no energy.
+// sizes differ or the photograph has no detail (energy 0).
 SGS_API double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo,
                              const uint16_t *valid_mask);
 

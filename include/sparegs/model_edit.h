@@ -63,10 +63,10 @@ typedef struct sgs_floater_options {
 } sgs_floater_options;
 
 // Rejects floaters. Voxels that contain the centre of a primitive of at least the given opacity are
-// occupied; occupied voxels that touch (26 neighbours) form components. Rejected are all primitives
-// in a component that holds a smaller share of the counted ones, or in no occupied voxel. options
-// NULL = voxel 0, opacity 0.1, share 0.01. Fails with OUT_OF_MEMORY, LIMIT or INVALID_ARGUMENT
-// (options).
+// occupied; occupied voxels that touch (26 neighbours) form components. Primitives are rejected if
+// their component holds less than `share` of the counted ones, or if they are in no occupied voxel.
+// options NULL = voxel 0, opacity 0.1, share 0.01. Fails with OUT_OF_MEMORY, LIMIT or
+// INVALID_ARGUMENT (options).
 SGS_API sgs_status sgs_select_connected(const sgs_gaussians *model,
                                         const sgs_floater_options *options, unsigned char *keep);
 

@@ -34,13 +34,13 @@ typedef enum sgs_model_format {
 // Short name, "spz"; never NULL.
 SGS_API const char *sgs_model_format_name(sgs_model_format format);
 
-// Format that a file name requests: ".ply", ".compressed.ply", ".splat", ".spz", ".ksplat", ".glb",
+// Format that a file name selects: ".ply", ".compressed.ply", ".splat", ".spz", ".ksplat", ".glb",
 // ".sog", ".usda" or ".html", without regard to case, or the whole names "meta.json" and
 // "lod-meta.json". False for other names.
 SGS_API bool sgs_model_format_of_name(const char *path, sgs_model_format *format);
 
 // Format of an existing file, by its first bytes and its name, or of a folder with meta.json or
-// lod-meta.json. False if it is no model. Reads at most a few kilobytes.
+// lod-meta.json. False if it is not a model. Reads at most a few kilobytes.
 SGS_API bool sgs_model_format_detect(const char *path, sgs_model_format *format);
 
 // True if files of the format record that a model was trained with Mip-Splatting's filters
@@ -72,7 +72,7 @@ typedef struct sgs_model_info {
     bool antialiased; // trained with Mip-Splatting's filters (SGS_FILTER_MIP)
     sgs_model_colors colors;
     bool fused_filter; // the PLY had filter_3D, which is now part of scales and opacities
-    size_t dropped;    // primitives with unusable values
+    size_t dropped;    // primitives with invalid values
     size_t file_bytes; // of all files that were read
     int lod_count;     // levels of a LOD SOG, else 1
     sgs_spz_axes axes; // of an SPZ file
@@ -85,8 +85,8 @@ typedef struct sgs_model_info {
 SGS_API sgs_status sgs_model_read(const char *path, const sgs_model_read_options *options,
                                   sgs_gaussians **model, sgs_model_info *info);
 
-// Reads only what a model file records about its colours; formats without a mark leave them all
-// zero. Without warnings. Fails as sgs_model_read; *colors is then all zero.
+// Reads only what a model file records about its colours; formats that cannot record them leave
+// them all zero. Gives no warnings. Fails as sgs_model_read; *colors is then all zero.
 SGS_API sgs_status sgs_model_read_colors(const char *path, sgs_model_colors *colors);
 
 // A camera for OpenUSD or a page: pinhole part only, pixel centres at .5.
@@ -99,7 +99,7 @@ typedef struct sgs_model_camera {
 
 typedef struct sgs_model_write_options {
     size_t struct_size; // set by sgs_model_write_options_default
-    bool antialiased;   // marks the file, if the format has a mark
+    bool antialiased;   // recorded if the format can record it
     int spz_version;    // 3 (gzip) or 4 (Zstandard)
     sgs_spz_axes spz_axes;
     int ksplat_level;        // 0: floats; 1: 16 bits; 2: 8 bits for SH
@@ -113,8 +113,8 @@ typedef struct sgs_model_write_options {
     // are written without calls.
     sgs_progress_fn progress;
     void *progress_user;
-    // Recorded if the format has a mark and they are linear or the white point is known; `named` is
-    // ignored.
+    // Recorded if the format can record them, and they are linear or the white point is known;
+    // `named` is ignored.
     sgs_model_colors colors;
 } sgs_model_write_options;
 
@@ -134,7 +134,7 @@ typedef struct sgs_model_written {
     sgs_row_order order;
 } sgs_model_written;
 
-// Writes the format that the name requests, atomically per file. options and written may be NULL.
+// Writes the format that the name selects, atomically per file. options and written may be NULL.
 // PLY stores every value; the other formats refuse a parameter that is not finite, except an
 // infinite logit of the opacity, and all but the two kinds of PLY an empty model. Fails with
 // UNSUPPORTED (name), INVALID_ARGUMENT (options, model), LIMIT (too many primitives for the

@@ -2,13 +2,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// BVH profiles: the cost to build, refit and query each kind of tree, the useful share of the
-// results, and the distribution of the work over the image. One view per call; writes no files.
+// BVH profiles: the cost to build, refit and query each kind of tree, the fraction of the results
+// that leads to hits, and the distribution of the work over the image. One view per call; writes no
+// files.
 //
-// A packet of 16 cones of rays queries the tree for a macrotile of tiles of 16x16 pixels (2x2
-// tiles; one tile in small images). Each reported primitive is a callback. After filtering, a tile
-// has candidates. They are tested against its 16 blocks of 4x4 pixels, and each block evaluates
-// those that pass until its pixels are opaque.
+// A packet of 16 cone rays queries the tree for a macrotile of tiles of 16x16 pixels (2x2 tiles;
+// one tile in small images). Each reported primitive is a callback. After filtering, a tile has
+// candidates. They are tested against its 16 blocks of 4x4 pixels, and each block evaluates those
+// that pass until its pixels are opaque.
 //
 // Measurement header: an application that renders or trains does not need it. Threads: one call at
 // a time in the whole process, because other calls would disturb the times.
@@ -34,7 +35,7 @@ SGS_API const char *sgs_profile_kind_name(sgs_profile_kind kind);
 typedef struct sgs_profile_options {
     size_t struct_size;               // set by sgs_profile_options_default()
     const sgs_render_options *render; // NULL = the defaults; filter_3d NULL, compact_box 1
-    int refits;                       // age of the aged tree, in refits, >= 0; 100
+    int refits;                       // number of refits of the aged tree, >= 0; 100
     double step;                      // length of a step of the means, world units, >= 0; 0
     int repeat;                       // repetitions, >= 1; the best time is reported; 3
     int samples;                      // rays sampled by brute force, 0..4096; 64

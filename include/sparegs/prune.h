@@ -105,8 +105,8 @@ SGS_API sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_
 
 // Selects the primitives that remain when the share `ratio` in [0, 1] is removed, by the rule of
 // the method's released code. LightGaussian and PUP: all scores up to that of rank int(ratio (count
-// - 1)) are removed, also equal ones. REFINE removes int(count ratio), RAP keeps int(count (1 -
-// ratio)); of equal scores the first rows are removed. keep: [count], overwritten. *kept: their
+// - 1)) are removed, including ties. REFINE removes int(count ratio), RAP keeps int(count (1 -
+// ratio)); among equal scores the first rows are removed. keep: [count], overwritten. *kept: their
 // number. Fails with INVALID_ARGUMENT (ratio, or a score is NaN) or OUT_OF_MEMORY.
 SGS_API sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_t count,
                                     double ratio, bool *keep, size_t *kept);

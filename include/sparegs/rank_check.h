@@ -22,7 +22,7 @@ extern "C" {
 // of memory.
 SGS_API char *sgs_rank_program_text(void);
 
-// Digests of the values, equal on all machines of one byte order. Cannot fail.
+// Digests of the values; equal on all machines with the same byte order. Cannot fail.
 SGS_API uint64_t sgs_rank_camera_digest(const sgs_camera *camera, const sgs_pose *pose);
 SGS_API uint64_t sgs_rank_photo_digest(const sgs_photo *photo);
 

@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Views of a scene drawn by several ranks from a model that they share: no rank holds all
-// primitives. Every image has the same bits as that of sgs_renderer_render. Without several ranks,
-// or if the model fits into the memory of each, use sgs_renderer on different views instead: it
-// exchanges nothing.
+// Renders views of a scene on several ranks from a model that is divided among them: no rank holds
+// all primitives. Every image has the same bits as that of sgs_renderer_render. With one rank, or
+// if the model fits into the memory of each rank, use sgs_renderer on different views instead,
+// which needs no communication.
 
 #include "sparegs/ranks.h"
 #include "sparegs/render.h"
@@ -27,7 +27,7 @@ SGS_API sgs_status sgs_rank_renderer_create(sgs_ranks *ranks, const sgs_scene *s
                                             sgs_rank_renderer **renderer);
 SGS_API void sgs_rank_renderer_destroy(sgs_rank_renderer *renderer); // accepts NULL
 
-// Draws a view (index into scene->views) into the colour and transmittance of the frame of rank
+// Renders a view (index into scene->views) into the colour and transmittance of the frame of rank
 // `receiver`, whose size must be the camera's; other ranks ignore `frame`. own: the status of this
 // rank so far. Fails with INVALID_ARGUMENT if the scene has no such view, as sgs_renderer_render,
 // or as another rank does. Collective.

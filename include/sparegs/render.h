@@ -14,13 +14,13 @@
 //
 // Counted hits of a ray: those with alpha >= 1/255 and t > near, in the order (t, id), up to the
 // first one that would reduce the transmittance below 1e-4, which is excluded (as in 3DGS). The
-// tracer computes t in single precision: hits whose t differ by its rounding only can be in another
+// tracer computes t in single precision: hits whose t differ only by rounding may be in another
 // order. Primitives of the same shape and mean are ordered by id.
 //
 // Pixel filters. `3dgs`: s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (for
 // fisheye lenses its distance) and f = sqrt(fx fy): the dilation of 3DGS by 0.3 px^2. `none`: the
-// bare Gaussian. `mip` (Yu et al. 2024): s'^2 = s^2 + f3^2 with the model's 3D filter f3, then +
-// 0.1 (z / f)^2 with the opacity factors of the paper.
+// unfiltered Gaussian. `mip` (Yu et al. 2024): s'^2 = s^2 + f3^2 with the model's 3D filter f3,
+// then + 0.1 (z / f)^2 with the opacity factors of the paper.
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -47,8 +47,8 @@ typedef struct sgs_render_options {
     // Distances of the frame are measured along the camera's axis (z) instead of the ray; default
     // false.
     bool axis_depth;
-    // In (0, 1]; default 1, exact. A tile of 16x16 pixels ignores a primitive if rho^2 of all its
-    // rays exceeds this fraction of the support, 2 ln(255 o); FastGS's rasteriser uses 0.5.
+    // In (0, 1]; default 1, exact. A tile of 16x16 pixels ignores a primitive if rho^2 exceeds this
+    // fraction of the support, 2 ln(255 o), for all rays of the tile; FastGS's rasteriser uses 0.5.
     double compact_box;
     // Keep what sgs_renderer_backward requires: the list of hits of each tile.
     bool differentiable;
@@ -126,12 +126,12 @@ SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
 SGS_API void sgs_renderer_ray_limit_set(sgs_renderer *renderer, size_t bytes);
 // Bytes of the ray tables that the renderer holds. Cannot fail.
 SGS_API size_t sgs_renderer_ray_bytes(const sgs_renderer *renderer);
-// Call it after every change of the model, of values or count: the next rendering rebuilds the BVH.
+// Call it after every change of the model's values or count: the next rendering rebuilds the BVH.
 // Cannot fail.
 SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
 // The same for small changes of the values, such as a step of an optimiser: the next rendering
-// refits the BVH, which is faster. The image has the same bits; the more the primitives have moved
-// since the last rebuild, the slower it is traced. Cannot fail.
+// refits the BVH, which is faster. The image has the same bits, but the further the primitives have
+// moved since the last rebuild, the slower the tracing. Cannot fail.
 SGS_API sgs_status sgs_renderer_refit(sgs_renderer *renderer);
 // Renders one view into the planes of `frame` that are not NULL. options NULL = the defaults. The
 // result does not depend on the number of threads, bit for bit. Fails with INVALID_ARGUMENT

@@ -46,8 +46,8 @@ typedef struct sgs_view {
     // Width 0 without load_images. No pixels if the photograph is in the image cache: call
     // sgs_scene_photo.
     sgs_photo image;
-    // Exif orientation of the image file, 1 to 8; 0 = not read. Pixels, camera and pose are those
-    // of the stored image: it shows how the camera was held.
+    // Exif orientation of the image file, 1 to 8; 0 = not read. Not applied: pixels, camera and
+    // pose are those of the stored image. It records how the camera was held.
     int orientation;
 } sgs_view;
 
@@ -81,7 +81,8 @@ typedef struct sgs_scene_options {
     // Linear light that maps to 1; 0 = the 99th percentile if any file is linear, else 1. It is
     // measured in at most 16 photographs, and without load_images only with measure_white_point.
     double white_point;
-    // Do not look for photographs whose camera size the model gives. Requires load_images false.
+    // Do not look for the photographs of cameras whose size the model gives. Requires load_images
+    // false.
     bool cameras_only;
     // Exact names of held-out views, replacing test_every and test_images, for example as recorded
     // by a run. Names without a view are ignored. NULL = no list; an empty list holds out nothing.
@@ -89,16 +90,16 @@ typedef struct sgs_scene_options {
     size_t held_out_count;
     // Hold out the test views that the data set names, even if test_every is 0.
     bool own_split;
-    // Exact names of the views to keep; names without a view are ignored. The other views count for
-    // split, white point, center, extent and digest, but are not decoded and then dropped. NULL =
-    // keep all. Not used by sgs_scene_create.
+    // Exact names of the views to keep; names without a view are ignored. The other views are
+    // included in split, white point, center, extent and digest, and then dropped without being
+    // decoded. NULL = keep all. Not used by sgs_scene_create.
     const char *const *kept;
     size_t kept_count;
-    // Called after every view that was examined or decoded, or NULL. If it cancels, sgs_scene_load
-    // and sgs_scene_create fail with SGS_STATUS_CANCELLED.
+    // Called after every view that was examined or decoded, or NULL. If it returns false,
+    // sgs_scene_load and sgs_scene_create fail with SGS_STATUS_CANCELLED.
     sgs_progress_fn progress;
     void *progress_user;
-    // With load_images false: measure the white point nevertheless, as described there.
+    // With load_images false: measure the white point even so, as described at white_point.
     bool measure_white_point;
     // With cameras_only: size in pixels, before downscaling, of views without a size in the camera
     // file or a readable photograph. 0 = such views are skipped.
@@ -113,22 +114,22 @@ typedef struct sgs_scene {
     char *path;       // as given to sgs_scene_load
     char *model_path; // folder or file of the cameras
     size_t view_count;
-    sgs_view *views;               // [view_count], sorted by name (strcmp)
-    size_t point_count;            // sparse cloud, finite points only
-    float *points;                 // [point_count][3], world
-    uint8_t *colors;               // [point_count][3], sRGB
-    size_t images_missing;         // views skipped because their image file is missing or broken
-    size_t images_unposed;         // files in the image folder without a pose (ignored)
-    size_t masks;                  // views with a mask file, also if it excludes every pixel
-    size_t pixels_broken;          // pixels with NaN or infinite values; they are invalid
-    size_t photo_bytes;            // size of all photographs when decoded; 0 with cameras_only
+    sgs_view *views;       // [view_count], sorted by name (strcmp)
+    size_t point_count;    // sparse cloud, finite points only
+    float *points;         // [point_count][3], world
+    uint8_t *colors;       // [point_count][3], sRGB
+    size_t images_missing; // views skipped because their image file is missing or unreadable
+    size_t images_unposed; // files in the image folder without a pose (ignored)
+    size_t masks;          // views with a mask file, also if it excludes every pixel
+    size_t pixels_broken;  // pixels with NaN or infinite values; they are invalid
+    size_t photo_bytes;    // size of all photographs when decoded; 0 with cameras_only
     struct sgs_scene_store *store; // internal: the image cache; NULL = all photographs are in views
     sgs_space space;               // of photographs and trained colours
     double white_point;            // linear light that maps to 1; 1 if no file is linear
     size_t linear_images;          // photographs in linear light, which white_point applies to
     size_t float_images;           // photographs kept in half floats: HDR, 16-bit, linear space
-    bool has_alpha;                // some photograph has an alpha channel, whatever its use
-    bool white_background;         // NeRF synthetic convention: white unless the user sets it
+    bool has_alpha;                // some photograph has an alpha channel, regardless of `alpha`
+    bool white_background;         // NeRF synthetic convention: white unless the caller sets it
     double center[3];              // mean of the training camera centres, world
     // World units, > 0: 1.1 times the largest distance of a training camera to the centre
     // (cameras_extent of 3DGS). If the cameras coincide, half of the median distance of the points
@@ -141,16 +142,16 @@ typedef struct sgs_scene {
     sgs_alpha alpha;  // options.alpha
 } sgs_scene;
 
-// Loads a scene; release it with sgs_scene_destroy. options NULL = the defaults. Missing or broken
-// images are skipped with a warning and counted. A view whose mask excludes every pixel is dropped.
-// A scene may have no points.
+// Loads a scene; release it with sgs_scene_destroy. options NULL = the defaults. Missing or
+// unreadable images are skipped with a warning and counted. A view whose mask excludes every pixel
+// is dropped. A scene may have no points.
 //
-// Masks are searched as MASKS/STEM.png, MASKS/NAME.png (NAME with the photograph's extension),
+// Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photograph's extension),
 // MASKS/STEM_mask.png and STEM_mask.png next to the photograph. White (mean of the channels >= 128)
 // is valid. A pixel of a down-scaled photograph is valid if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
-// is missing, or no image is readable), FORMAT (broken file, or a mask whose size differs from its
+// is missing, or no image is readable), FORMAT (invalid file, or a mask whose size differs from its
 // photograph), UNSUPPORTED (for example a camera model), OUT_OF_MEMORY or CANCELLED. The error
 // names file, place and fix. On failure *scene is NULL.
 SGS_API sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options,

@@ -6,9 +6,9 @@
 // renderer, its density control regulated by SPARE-GS (arXiv 2607.16624). A trainer owns the model,
 // the optimiser state and the BVH. The only file it writes is a checkpoint, on request.
 //
-// Threads: a trainer takes one call at a time; what it returns by pointer is valid until the next
-// step. Different trainers may run at the same time on different threads (for a common scene see
-// scene.h). Results do not depend on this, nor on the number of threads.
+// Threads: a trainer takes one call at a time; pointers that it returns are valid until the next
+// step. Different trainers may run at the same time on different threads (for a scene that they
+// share, see scene.h). Results depend neither on this nor on the number of threads.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -24,10 +24,10 @@
 extern "C" {
 #endif
 
-// Milestones (densification, opacity resets, SH degree, learning rates) of the published 30 000
-// iterations: scaled to the length of the run, or as published. Finetune, for a trained model in
-// `init`: no densification, pruning or opacity resets, all SH bands and the final position rate
-// from the first iteration.
+// Milestones (densification, opacity resets, SH degree, learning rates) of the published schedule
+// of 30 000 iterations: scaled to the length of the run, or as published. Finetune, for a trained
+// model in `init`: no densification, pruning or opacity resets; all SH bands and the final learning
+// rate of the positions from the first iteration.
 typedef enum sgs_schedule {
     SGS_SCHEDULE_SCALED = 0,
     SGS_SCHEDULE_PAPER = 1,
@@ -97,11 +97,11 @@ typedef enum sgs_taming_opacity {
 // the released code, does not. Default: EXTENT.
 typedef enum sgs_mcmc_units { SGS_MCMC_UNITS_EXTENT = 0, SGS_MCMC_UNITS_WORLD } sgs_mcmc_units;
 
-// Treatment of primitives that SPARE-GS finds redundant, by MCMC: deleted, and the cap lowered by
-// their number, or relocated like dead ones. Default: DELETE.
+// What MCMC does with primitives that SPARE-GS finds redundant: it deletes them and lowers the
+// maximum number by their count, or relocates them like dead ones. Default: DELETE.
 typedef enum sgs_mcmc_redundant { SGS_MCMC_DELETE = 0, SGS_MCMC_RELOCATE } sgs_mcmc_redundant;
 
-// Options of single pipelines; the others ignore them. Ranges: option_descriptors.h.
+// Options that only one pipeline reads; the others ignore them. Ranges: option_descriptors.h.
 typedef struct sgs_pipeline_options {
     // Taming 3DGS: final number of primitives as a multiple of the initial number; 20.
     double taming_multiplier;
@@ -125,7 +125,8 @@ typedef struct sgs_pipeline_options {
     double mcmc_growth;
     double mcmc_start_opacity; // MCMC: of the initial primitives; 0.5
     // MCMC: scale of the initial primitives, as a multiple of the RMS distance to the three nearest
-    // points, in a run of 30 000 iterations; scaled runs of N use its power N / 30 000. 0.1.
+    // points, in a run of 30 000 iterations; a scaled run of N iterations raises it to the power N
+    // / 30 000. 0.1.
     double mcmc_start_scale;
     sgs_mcmc_units mcmc_units;
     sgs_mcmc_redundant mcmc_redundant;
@@ -137,10 +138,10 @@ typedef struct sgs_train_options {
     size_t struct_size; // set by sgs_train_options_default()
     int iterations;     // >= 1; 30000
     sgs_schedule schedule;
-    // Views per optimiser step, 1..1024; 1. A step applies the mean of the views' gradients with
-    // the square root of the number of views as a factor on the rates, and powers of the moments'
-    // decay (Grendel-GS, Zhao et al. 2024, arXiv 2406.18533). Iterations count views. A batch ends
-    // before a structural update and at an opacity reset.
+    // Views per optimiser step, 1..1024; 1. A step applies the mean of the views' gradients,
+    // multiplies the learning rates by the square root of the number of views, and raises the decay
+    // rates of the moments to that number (Grendel-GS, Zhao et al. 2024, arXiv 2406.18533). One
+    // iteration is one view. A batch ends before a structural update and at an opacity reset.
     int batch;
     sgs_pipeline pipeline;
     sgs_filter filter;       // 3DGS
@@ -149,8 +150,8 @@ typedef struct sgs_train_options {
     int sh_degree;           // 0..3; 3
     float background[3];     // in the space of the photographs; black
     bool background_random;  // a new colour per iteration instead; false
-    // Hard cap, also of the initial model; 0 = none. MCMC: 0 = 10 times the initial number, at most
-    // 1 000 000 and at least the initial number.
+    // Maximum number of primitives, also of the initial model; 0 = none. MCMC: 0 = 10 times the
+    // initial number, at most 1 000 000 and at least the initial number.
     size_t max_gaussians;
     uint64_t seed;          // 0
     unsigned spare;         // SGS_SPARE_ bits; all
@@ -184,21 +185,23 @@ typedef struct sgs_train_options {
     // Learn an affine colour map per training image (exposure compensation of 3DGS); false.
     bool exposure;
     size_t random_points; // size of the random cloud; 0 = sgs_train_random_points
-    // Photographs without an alpha channel have alpha 1 in that loss: the model covers every pixel
-    // that is not masked. Requires alpha_loss > 0, and works best with background_random; false.
+    // The alpha loss treats photographs without an alpha channel as opaque: the model covers every
+    // pixel that is not masked. Requires alpha_loss > 0, and works best with background_random;
+    // false.
     bool opaque;
-    // Train the primitives with centres in this box only; infinite. The others are drawn, but not
-    // stepped, cloned, split, moved, removed or reset, and neither limits nor counts
-    // (max_gaussians, targets of pipelines, quotas and checks of SPARE-GS) include them. A centre
-    // that would leave the box stays in it. All SH bands are used from the first iteration on.
+    // Train only the primitives with centres in this box; infinite. The others are rendered, but
+    // not optimised, cloned, split, moved, removed or reset. Limits and counts (max_gaussians,
+    // targets of pipelines, quotas and checks of SPARE-GS) exclude them. A centre that would leave
+    // the box is clamped to it. All SH bands are used from the first iteration on.
     //
-    // Photographs are replaced by a mixture with the rendering of init, so that regions that fill
-    // space correct each error once (src/train/region_targets.c). The mixtures are kept in memory
-    // besides the photographs. Requires init; with exposure the photographs are used.
+    // Photographs are replaced by a mixture with the rendering of init, so that adjoining regions
+    // together correct each error once (src/train/region_targets.c). The mixtures are kept in
+    // memory in addition to the photographs. Requires init; with exposure the photographs are used.
     sgs_box region;
-    // Share of the primitives beyond the region grid of SPARE-GS at both ends of each axis, at most
-    // 0.25; they belong to the outermost voxels. 0: the grid covers all, as in the paper. Below 0:
-    // 0, and 0.01 in runs with the noise of SGS_PIPELINE_MCMC, which moves primitives far away; -1.
+    // Fraction of the primitives that lie outside the region grid of SPARE-GS at either end of each
+    // axis, at most 0.25; they belong to the outermost voxels. 0: the grid covers all primitives,
+    // as in the paper. Below 0: 0, or 0.01 in runs with the noise of SGS_PIPELINE_MCMC, which moves
+    // primitives far away; -1.
     double spare_grid_quantile;
 } sgs_train_options;
 
@@ -210,17 +213,17 @@ SGS_API sgs_train_options sgs_train_options_default(void);
 // unknown size.
 SGS_API size_t sgs_train_random_points(const sgs_scene *scene, const sgs_train_options *options);
 
-// Weight of alpha_loss that the program uses with `opaque`.
+// Value of alpha_loss that the program uses with `opaque`.
 #define SGS_TRAIN_OPAQUE_WEIGHT 0.1
 
 // Initial learning rate of the means, in extents of the scene per step.
 #define SGS_TRAIN_LR_MEAN 1.6e-4
 
-// Wall-clock seconds by phase since the start of training, including runs that were resumed.
+// Wall-clock seconds by phase since the start of training, including the time before a resume.
 typedef struct sgs_train_seconds {
     double gather, forward, loss, backward, optimizer, bvh_refit, bvh_build, density, spare,
         image_io, total;
-    double serial;  // part of total: outside of parallel loops (BVH builds and refits are inside)
+    double serial;  // part of total: outside of parallel loops (BVH builds and refits are parallel)
     double waiting; // part of total: wait for the last thread of each loop, mean over the threads
 } sgs_train_seconds;
 
@@ -249,13 +252,13 @@ typedef struct sgs_step_info {
     size_t pruned;            // rows removed
     size_t spare_pruned;      // part of `pruned`: removed by RAP only
     size_t relocated;         // MCMC: rows moved to another row
-    size_t spare_deferred;    // MCMC: redundant rows kept because an update removes only so many
+    size_t spare_deferred;    // MCMC: redundant rows kept because of the limit per update
     size_t regions;           // non-empty voxels; 0 without SPARE-GS
     double over_budget_share; // fraction of primitives in voxels above their quota
     double mean_weight;       // mean of w over primitives
     size_t bmd_suppressed, bmd_boosted; // densification decisions that w reversed: off, on
     double spare_seconds;               // wall clock of SPARE-GS in this update
-    sgs_stop_reason stop;               // valid always; not NONE: training has ended
+    sgs_stop_reason stop;               // always valid; other than NONE: training has ended
 } sgs_step_info;
 
 // One region (voxel with primitives) at a structural update: SPARE-GS's quantities before the
@@ -369,9 +372,9 @@ SGS_API const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
 // of their photographs. Iterations count from 1.
 typedef struct sgs_train_milestones {
     int densify_from, densify_until, densify_interval; // structural updates; all 0 = none
-    int thin_until;          // last update after densify_until that only removes; 0 = none
+    int thin_until;          // last prune-only update after densify_until; 0 = none
     int reset_interval;      // iterations between opacity resets; 0 = none
-    int half_size_until;     // images of half the size up to about here; 0 = none
+    int half_size_until;     // half-size images up to about this iteration; 0 = none
     int sh_interval;         // iterations per additional SH band; 0 = all bands at once
     double gradient_factor;  // on the pipeline's gradient threshold
     double shape_factor;     // on the published learning rates of rotation and scale
@@ -423,7 +426,8 @@ SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const
 // Collective: rank 0 reads the file, other ranks ignore `path`; a failure is that of all ranks, and
 // their next calls fail, too.
 SGS_API sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);
-// Fails as sgs_trainer_load_checkpoint would because of the file; changes nothing. Not collective.
+// Validates a checkpoint file without loading it: fails as sgs_trainer_load_checkpoint would for
+// this file. Not collective.
 SGS_API sgs_status sgs_trainer_check_checkpoint(sgs_trainer *trainer, const char *path);
 // Size in bytes of the file that sgs_trainer_save_checkpoint would write now. Cannot fail.
 SGS_API size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer);
@@ -432,7 +436,7 @@ SGS_API size_t sgs_trainer_checkpoint_bytes(const sgs_trainer *trainer);
 // 0.
 SGS_API sgs_status sgs_checkpoint_gaussians(const char *path, size_t *gaussians);
 
-// Fine-tuning of a stored model: all parameters of the primitives that it has, with
+// Fine-tuning of a stored model: optimises all parameters of its primitives, with
 // SGS_SCHEDULE_FINETUNE and without SPARE-GS. Fields as in sgs_train_options; the number at the end
 // of a comment is the default.
 typedef struct sgs_finetune_options {

@@ -121,8 +121,8 @@ sgs_status sgsi_fields_read(const char *path, const char *section, const uint8_t
     while (!status && sgsi_fields_next(&at, end, &record, &damaged))
         status = read_record(path, section, &record, fields, count, &seen, object);
     if (!status && damaged)
-        status = sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s': a field is cut or damaged", path,
-                           section);
+        status = sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s': a field is truncated or damaged",
+                           path, section);
     for (size_t i = 0; i < count && !status; ++i)
         if (fields[i].essential && !(seen >> i & 1))
             status = sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s': field '%s' is missing", path,

@@ -186,8 +186,8 @@ static sgs_status read_header(sgsi_container *container)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: wrong checksum of the header; the file is damaged",
                          path);
     if (header->sh_degree > 3)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 28: degree %u of the harmonics is above 3",
-                         path, header->sh_degree);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 28: SH degree %u is above 3", path,
+                         header->sh_degree);
     if (!header->count || header->count > COUNT_MOST || header->input < header->count ||
         header->count / COUNT_PER_BYTE >= container->size)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 32: %llu primitives do not fit into the file",

@@ -148,8 +148,7 @@ sgs_status sgsi_distill(sgsi_compress_job *job, int iterations)
     if (!job->options->scene)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the distillation requires a scene");
     if (job->sh_degree <= DEGREE) {
-        sgsi_warn("option distill has no effect: the harmonics have degree %d already",
-                  job->sh_degree);
+        sgsi_warn("option distill has no effect: the SH degree is already %d", job->sh_degree);
         return SGS_STATUS_OK;
     }
     distilling d = {.job = job};

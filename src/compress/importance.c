@@ -46,7 +46,7 @@ static const double VOLUME_POWER = 0.1; // of MesonGS
 
 static bool pass_progress(void *user, size_t done, size_t total)
 {
-    return !sgsi_compress_progress(user, "views for the importance", done, total);
+    return !sgsi_compress_progress(user, "rendering views for the importance", done, total);
 }
 
 static sgs_view_pass_options pass_options(const sgsi_compress_job *job)

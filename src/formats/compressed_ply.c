@@ -75,8 +75,9 @@ static sgs_status find_elements(compressed_reader *reader)
                                  element->name);
     }
     if (!reader->chunk || !reader->vertex)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: has no element '%s'; this is no compressed model",
-                         path, reader->chunk ? "vertex" : "chunk");
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: has no element '%s'; this is not a compressed model", path,
+                         reader->chunk ? "vertex" : "chunk");
     if (reader->header.format != SGSI_PLY_LITTLE_ENDIAN)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: a compressed model must be binary_little_endian", path);

@@ -348,7 +348,7 @@ static void warn_about_scales(const char *path, const sgs_gaussians *model)
     }
     if (changed)
         sgsi_warn("%s: this level of KSPLAT holds scales of up to %.0f units; %zu of %zu "
-                  "primitives have larger ones, which are changed to it; use level 0",
+                  "primitives have larger ones, which are clamped; use level 0",
                   path, (double)FLOAT16_MOST, changed, model->count);
 }
 

@@ -199,7 +199,7 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
         }
     return named ? SGS_STATUS_OK
                  : sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: is no model of a known format; supported are %s", path,
+                             "%s: is not a model in a known format; supported are %s", path,
                              readable_names);
 }
 
@@ -322,7 +322,7 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
     sgs_status status = sgsi_options_read(options, "sgs_model_write_options", &own, sizeof own);
     if (!status && !sgs_model_format_of_name(path, &format))
         status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                           "%s: the name requests no known format; supported are .html, %s", path,
+                           "%s: the name has no known extension; supported are .html, %s", path,
                            readable_names);
     if (!status)
         status = check_write_options(path, &own);

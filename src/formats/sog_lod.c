@@ -165,9 +165,10 @@ static sgs_status unit_path(const lod_reader *reader, size_t file, char **path)
         json_string_value(json_array_get(json_object_get(reader->root, "filenames"), file));
     *path = NULL;
     if (!name || *name == '/' || strstr(name, "..") || strchr(name, '\\') || strchr(name, '\n'))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: lod-meta.json: the name of unit %zu is missing or leaves the folder",
-                         reader->path, file);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: lod-meta.json: the name of SOG file %zu is missing or leaves the folder",
+            reader->path, file);
     *path = sgsi_format("%s/%s", reader->folder, name);
     return *path ? SGS_STATUS_OK
                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
@@ -251,7 +252,7 @@ static sgs_status add_range(const lod_reader *reader, const lod_range *range, co
 {
     if (range->offset > sog->count - range->count)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: lod-meta.json: rows %zu to %zu exceed unit %zu of %zu primitives",
+                         "%s: lod-meta.json: rows %zu to %zu exceed SOG file %zu of %zu primitives",
                          reader->path, range->offset, range->offset + range->count, range->file,
                          sog->count);
     for (size_t i = 0; i < range->count; ++i) {
@@ -284,14 +285,14 @@ static sgs_status read_unit(lod_reader *reader, const lod_range *ranges, size_t 
     if (!status && needed > sog->count)
         status =
             sgsi_fail(SGS_STATUS_FORMAT,
-                      "%s: lod-meta.json: the tree names %zu primitives of unit %zu, which has "
+                      "%s: lod-meta.json: the tree names %zu primitives of SOG file %zu, which has "
                       "%zu",
                       reader->path, needed, file, sog->count);
     if (!status && rows->total + needed > row_limit(info->file_bytes + sog->bytes))
-        status = sgsi_fail(SGS_STATUS_LIMIT,
-                           "%s: lod-meta.json: %zu primitives are more than %zu bytes of units can "
-                           "hold",
-                           reader->path, rows->total + needed, info->file_bytes + sog->bytes);
+        status = sgsi_fail(
+            SGS_STATUS_LIMIT,
+            "%s: lod-meta.json: %zu primitives are more than %zu bytes of SOG files can hold",
+            reader->path, rows->total + needed, info->file_bytes + sog->bytes);
     if (!status)
         status = sgsi_rows_expect(rows, needed, reader->total);
     for (size_t k = 0; !status && k < count; ++k)

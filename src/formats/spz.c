@@ -428,8 +428,8 @@ static void warn_about_positions(const char *path, const sgs_gaussians *model, i
     for (size_t i = 0; i < model->count; ++i)
         coarse += step > exp(fmax(largest_log_scale(model, i), LOG_SCALE_LEAST));
     if (coarse > model->count / 100)
-        sgsi_warn("%s: its farthest primitive leaves steps of %.3g units for all positions, more "
-                  "than the size of %zu of %zu primitives; remove the far primitives",
+        sgsi_warn("%s: the farthest primitive makes the quantisation step of all positions %.3g "
+                  "units, more than the size of %zu of %zu primitives; remove distant primitives",
                   path, step, coarse, model->count);
 }
 
@@ -444,7 +444,7 @@ static void warn_about_scales(const char *path, const sgs_gaussians *model)
     }
     if (changed)
         sgsi_warn("%s: SPZ holds scales of %.2g to %.3g units; %zu of %zu primitives have others, "
-                  "which are changed to these limits; scale the model",
+                  "which are clamped to these limits; scale the model",
                   path, exp(LOG_SCALE_LEAST), exp(LOG_SCALE_MOST), changed, model->count);
 }
 

@@ -250,7 +250,8 @@ static sgs_status open_brace(usd_reader *reader, bool is_splats)
     reader->open[reader->depth].transformed = false;
     reader->open[reader->depth].color_space[0] = 0;
     if (is_splats && reader->finished && !reader->colors_only)
-        sgsi_warn("%s: line %d: only the first splats are read", reader->path, reader->line);
+        sgsi_warn("%s: line %d: only the first ParticleField3DGaussianSplat is read", reader->path,
+                  reader->line);
     if (is_splats && !reader->prim_depth && !reader->finished)
         reader->prim_depth = reader->depth;
     return SGS_STATUS_OK;
@@ -319,7 +320,7 @@ static sgs_status read_layer(usd_reader *reader)
     if (!status && reader->moved)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
-            "%s: the splats or a prim above them have a transform; export them without",
+            "%s: the splats or a prim above them have a transform; export without transforms",
             reader->path);
     if (!status && *reader->color_space)
         sgsi_color_space_parse(reader->colors_only ? NULL : reader->path, reader->color_space,

@@ -121,9 +121,8 @@ static sgs_status read_render(const sgs_render_options *options, sgs_render_opti
     render->near_distance = own.near_distance;
     render->compact_box = own.compact_box;
     if (!status && own.filter_3d)
-        return sgsi_fail(
-            SGS_STATUS_UNSUPPORTED,
-            "a bench requires a model with the 3D filter fused into its scales, as in PLY files");
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "a benchmark requires a model with the 3D filter "
+                                                 "fused into its scales, as in PLY files");
     return status;
 }
 
@@ -140,10 +139,11 @@ sgs_status sgs_bench_create_with(const sgs_gaussians *model, const sgs_view *vie
     *bench = NULL;
     if (view_count < 1 || view_count > VIEWS_MAX || !model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "a bench requires 1 to %d views and a model with primitives", VIEWS_MAX);
+                         "a benchmark requires 1 to %d views and a model with primitives",
+                         VIEWS_MAX);
     sgs_bench *made = sgsi_calloc(1, sizeof *made);
     if (!made)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a bench");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a benchmark");
     sgs_status status = read_render(options, &made->render);
     if (!status)
         status = photograph_all(made, model, views, view_count);
@@ -347,7 +347,7 @@ sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
     size_t most_tiles = 0;
     for (size_t i = 0; i < count; ++i) {
         if (ranks[i] < 2 || ranks[i] > MOST_RANKS)
-            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%d ranks; possible are 2 to %d",
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%d ranks are not within 2 to %d",
                              ranks[i], MOST_RANKS);
         predictions[i] = (sgs_rank_prediction){.ranks = ranks[i]};
     }

@@ -73,7 +73,7 @@ static sgs_status compare_record(comparison *c, const sgsi_field_record *record,
     size_t count;
     const sgs_train_option *rows = sgs_train_option_descriptors(&count);
     if (record->type != SGSI_FIELD_TEXT || record->bytes >= TEXT_CAPACITY)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: option %s is not a short text", path,
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: option %s is not a valid string", path,
                          record->name);
     char before[TEXT_CAPACITY] = "";
     memcpy(before, record->value, record->bytes);
@@ -105,8 +105,8 @@ sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t s
     while (!status && sgsi_fields_next(&at, end, &record, &damaged))
         status = compare_record(&c, &record, seen);
     if (!status && damaged)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'options': a field is cut or damaged",
-                         path);
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: section 'options': a field is truncated or damaged", path);
     size_t count;
     const sgs_train_option *rows = sgs_train_option_descriptors(&count);
     for (size_t i = 0; i < count && i < ROWS_MOST && !status; ++i) {

@@ -108,7 +108,7 @@ static sgs_status create_views(sgs_rank_renderer *renderer, sgs_ranks *ranks,
     if (!status)
         status = sgsi_render_options_check(&own);
     if (!status && sgs_ranks_count(ranks) < 2)
-        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "drawing on ranks requires two or more");
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "rendering on ranks requires two or more");
     if (!status)
         status = sgsi_drawn_views_create(scene, &own, &renderer->views);
     return status ? status : sgsi_view_ranks_create(&renderer->views, ranks);
@@ -121,7 +121,7 @@ sgs_status sgs_rank_renderer_create(sgs_ranks *ranks, const sgs_scene *scene, co
     sgs_rank_renderer *made = sgsi_calloc(1, sizeof *made);
     sgs_status status =
         made ? create_views(made, ranks, scene, options)
-             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw on several ranks");
+             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to render on several ranks");
     status = sgs_ranks_agree(ranks, status);
     if (!status)
         status = share_model(made, ranks, path);

@@ -51,7 +51,7 @@ static const sgs_train_option table[] = {
      .values = "B",
      .unit = "views",
      .help = "views per optimiser step: mean gradient, learning rates times the square root of B "
-             "(Grendel-GS); the result depends on B. Iterations count views",
+             "(Grendel-GS); the result depends on B. An iteration is still one view",
      .group = training,
      ALL_PIPELINES},
     {.name = "pipeline",
@@ -120,7 +120,7 @@ static const sgs_train_option table[] = {
      .high = 2147483647,
      .values = "N",
      .initial_text = "0 = none; mcmc: 10 x initial number, at most 1000000",
-     .help = "maximum number of primitives, also of the initial cloud",
+     .help = "maximum number of primitives, including the initial cloud",
      .group = training,
      ALL_PIPELINES,
      .resume = SGS_RESUME_FREE},
@@ -315,8 +315,8 @@ static const sgs_train_option table[] = {
      .low = 0,
      .high = 1,
      .values = "X",
-     .help = "MCMC: share of primitives added per 100 iterations of the 30000-iteration schedule, "
-             "up to the maximum number",
+     .help = "MCMC: fraction of primitives added per 100 iterations of the 30000-iteration "
+             "schedule, up to the maximum number",
      .group = base_pipelines,
      ONLY(MCMC)},
     {.name = "mcmc_start_opacity",
@@ -355,7 +355,7 @@ static const sgs_train_option table[] = {
      FIELD(pipeline_options.mcmc_redundant),
      .initial = SGS_MCMC_DELETE,
      .values = "delete|relocate",
-     .help = "MCMC: delete redundant primitives and lower the maximum number with them, or "
+     .help = "MCMC: delete redundant primitives and lower the maximum number by as many, or "
              "relocate them",
      .group = base_pipelines,
      ONLY(MCMC),
@@ -391,7 +391,7 @@ static const sgs_train_option table[] = {
      .high = 0.25,
      .values = "X",
      .initial_text = "-1 = 0; 0.01 with the noise of mcmc",
-     .help = "share of the primitives beyond the region grid at both ends of each axis; 0 = the "
+     .help = "fraction of the primitives outside the region grid at each end of each axis; 0 = the "
              "grid covers all",
      .group = spare_gs,
      ALL_PIPELINES,
@@ -508,7 +508,7 @@ static const sgs_train_option table[] = {
      .low = 0,
      .high = 100,
      .values = "X",
-     .help = "slope of the densification weight over the slack (kappa_s)",
+     .help = "slope of the densification weight as a function of the slack (kappa_s)",
      .group = spare_gs,
      ALL_PIPELINES,
      .spare = SGS_SPARE_BMD},

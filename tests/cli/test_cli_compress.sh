@@ -124,7 +124,7 @@ for steps in 0 1; do
     check the_mask_is_noticed_with_training test "$(grep -c '0002.png: mask excludes every pixel' "$temporary/stderr")" = $steps
 done
 # (the model has degree 2 already)
-reports "--distill has no effect: the harmonics have degree 2 already"
+reports "--distill has no effect: the SH degree is already 2"
 rm "$temporary/none"
 
 # mistakes_are_named
@@ -147,7 +147,7 @@ run 1 decompress "$temporary/nowhere" -o /proc/none.ply
 reports "/proc/none.ply: cannot be written: /proc: "
 one_line
 run 2 decompress "$temporary/ghap.1" -o "$temporary/none.xyz"
-reports "none.xyz: the name requests no known format; use .ply,"
+reports "none.xyz: the name has no known extension; use .ply,"
 one_line
 run 1 decompress "$temporary/nowhere" -o "$temporary/none.ply"
 reports "nowhere"

@@ -114,7 +114,7 @@ done
 for name in $(some m.glb m.splat -- m.usda m.ksplat); do
     run 0 convert "$temporary/m.ply" "$temporary/$name" --json
     check one_warning_of_the_filter test "$(grep -c -- '--filter mip' "$temporary/stderr")" = 1
-    reports "$temporary/$name: ${name#m.} has no mark for models trained with Mip-Splatting's filters"
+    reports "$temporary/$name: ${name#m.} cannot record that a model was trained with Mip-Splatting's filters"
     check the_result_is_not_marked test "$(value .antialiased)" = false
     check info_agrees test "$("$program" info "$temporary/$name" --json | jq .antialiased)" = false
     run 0 convert "$temporary/m.ply" "$temporary/$name" --antialiased off
@@ -129,7 +129,7 @@ check a_name_does_not_extend_the_script grep -qF '"name":"m\u003c!--\u003cscript
 run 0 convert "$temporary/m.ply" "$temporary/lod_m/lod-meta.json" --json
 check levels_of_detail_are_marked test "$("$program" info "$temporary/lod_m" --json | jq .antialiased)" = true
 run 0 prune "$temporary/m.ply" "$room" --downscale 8 -o "$temporary/pruned.glb" --method lightgaussian --ratio 0.5 --quiet
-reports "glb has no mark for models trained with Mip-Splatting's filters"
+reports "glb cannot record that a model was trained with Mip-Splatting's filters"
 run 0 render "$temporary/m.ply" "$room" --view 0001 --downscale 8 --format png -o "$temporary/marked" --quiet
 run 0 render "$ply" "$room" --view 0001 --downscale 8 --filter mip --format png -o "$temporary/mip" --quiet
 check marked_models_are_rendered_with_mip cmp "$temporary/marked/0001.png" "$temporary/mip/0001.png"
@@ -167,7 +167,7 @@ run 0 eval "$temporary/bare.ply" "$room" --downscale 8 --json --quiet --train-sp
 check the_option_replaces_the_mark test "$(jq -n "$linear_reference - $(value .mean.psnr) > 3")" = true
 for name in $(some l.spz lod_l/lod-meta.json -- l.splat l.ksplat l.sog); do
     run 0 convert "$temporary/n.ply" "$temporary/$name"
-    check one_warning_of_the_space test "$(grep -c 'has no mark for linear colours' "$temporary/stderr")" = 1
+    check one_warning_of_the_space test "$(grep -c 'cannot record linear colours' "$temporary/stderr")" = 1
     reports "render with --train-space linear --white 4"
 done
 run 0 eval "$temporary/l.spz" "$room" --downscale 8 --json --quiet --train-space linear --white 4
@@ -178,7 +178,7 @@ check no_warning test ! -s "$temporary/stderr"
 run 0 convert "$ply" "$temporary/s.html"
 check the_page_shows_display_values test "$(grep -c '^"linear":false,$' "$temporary/s.html")" = 1
 run 0 convert "$ply" "$temporary/w.spz" --white 4
-reports "spz has no mark for the white point; render with --white 4"
+reports "spz cannot record the white point; render with --white 4"
 run 0 compress "$temporary/n.ply" -o "$temporary/l.sgc" --method ghap --filter mip --quiet
 check no_warning test ! -s "$temporary/stderr"
 run 0 decompress "$temporary/l.sgc" -o "$temporary/from_sgc.ply"
@@ -213,7 +213,7 @@ check transforms_are_undone test "$(jq -n "($(value .mean.psnr) - $reference) | 
 # what_is_wrong_is_named
 run 2 convert "$ply"
 run 2 convert "$ply" "$temporary/a.obj"
-reports "the name requests no known format"
+reports "the name has no known extension"
 run 2 convert "$ply" "$temporary/a.ply" --spz-version 4
 reports "--spz-version has no effect unless OUT is an .spz file"
 run 2 convert "$ply" "$temporary/a.ply" --input-spz-axes rdf
@@ -246,6 +246,6 @@ check nothing_was_written test ! -e "$temporary/none.ply"
 run 1 convert "$temporary/missing.spz" /proc/none/a.sog # the output is checked before the work
 reports "/proc/none/a.sog: cannot be written: /proc: "
 run 2 convert "$ply" "$temporary/room-lod-meta.json" # not a folder of this name
-reports "the name requests no known format"
+reports "the name has no known extension"
 
 finish

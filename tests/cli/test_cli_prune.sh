@@ -79,7 +79,7 @@ usage "--ratio: '1' is not a share from 0 to less than 1" "$model" --method refi
 usage "--ratio: '' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,
 usage "--ratio: 'nan' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio nan
 usage "--ratio: 0.50 is given twice" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,0.50
-usage "x.xyz: the name requests no known format; use .ply," "$model" --method refine -o "$temporary/x.xyz" --ratio 0.5
+usage "x.xyz: the name has no known extension; use .ply," "$model" --method refine -o "$temporary/x.xyz" --ratio 0.5
 usage "x.html: a page cannot be read as a model" "$model" --method refine -o "$temporary/x.html" --ratio 0.5
 usage "--method lightgaussian requires the operand SCENE" "$model" --method lightgaussian -o "$temporary/x.ply" --ratio 0.5
 usage "--method pup requires the operand SCENE" "$model" --method pup -o "$temporary/x.ply" --ratio 0.5

@@ -244,7 +244,7 @@ static const char *const messages[] = {
     "1 bytes after the last section",
     "unknown compression method",
     "version 99 of method",
-    "degree 4 of the harmonics is above 3",
+    "SH degree 4 is above 3",
     "0 primitives do not fit into the file",
     "1099511627776 primitives do not fit into the file",
     "", // depends on the method

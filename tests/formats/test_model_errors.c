@@ -632,7 +632,7 @@ static void lod_manifest_is_checked(void **state)
         {"\"lodLevels\":1", "\"lodLevels\":257", F, "'lodLevels' is missing"},
         {"\"lodLevels\":1", "\"lodLevels\":\"1\"", F, "'lodLevels' is missing"},
         {"\"filenames\":", "\"files\":", F, "'filenames' is missing"},
-        {"\"filenames\":[", "\"filenames\":[5,", F, "the name of unit 0 is missing"},
+        {"\"filenames\":[", "\"filenames\":[5,", F, "the name of SOG file 0 is missing"},
         {"\"0_0/meta.json\"", "\"../0_0/meta.json\"", F, "leaves the folder"},
         {"\"0_0/meta.json\"", "\"/tmp/meta.json\"", F, "leaves the folder"},
         {"\"0_0/meta.json\"", "\"0_0/..\\\\meta.json\"", F, "leaves the folder"},
@@ -640,11 +640,11 @@ static void lod_manifest_is_checked(void **state)
         {"\"tree\":{", "\"tree\":{\"children\":[3],", F, "a node of 'tree' is missing"},
         {"\"file\":0", "\"file\":1", F, "a file number of 'tree'"},
         {"\"file\":0", "\"file\":-1", F, "a range of 'tree'"},
-        {"\"offset\":0", "\"offset\":1", F, "rows 1 to 4 exceed unit 0 of 3 primitives"},
-        {"\"offset\":0", "\"offset\":2147483647", F, "exceed unit 0 of 3 primitives"},
+        {"\"offset\":0", "\"offset\":1", F, "rows 1 to 4 exceed SOG file 0 of 3 primitives"},
+        {"\"offset\":0", "\"offset\":2147483647", F, "exceed SOG file 0 of 3 primitives"},
         {"\"offset\":0", "\"offset\":99999999999", F, "a range of 'tree'"},
         {"\"offset\":0,\"count\":3", "\"offset\":0,\"count\":4", F,
-         "the tree names 4 primitives of unit 0, which has 3"},
+         "the tree names 4 primitives of SOG file 0, which has 3"},
         {"\"offset\":0,\"count\":3", "\"offset\":0,\"count\":null", F, "a range of 'tree'"},
         {"\"offset\":0,\"count\":3", "\"offset\":0,\"count\":2147483647", F, "which has 3"},
     };
@@ -691,7 +691,7 @@ static void unknown_files_are_refused(void **state)
     const temp_folder folder = temp_folder_make();
     model_refused(temp_path(&folder, "none.spz"), SGS_STATUS_IO, "cannot be opened", "missing");
     model_refused(temp_path(&folder, "none.bin"), SGS_STATUS_UNSUPPORTED,
-                  "is no model of a known format", "missing and unknown");
+                  "is not a model in a known format", "missing and unknown");
     model_refused(folder.path, SGS_STATUS_IO, "is a folder without meta.json or lod-meta.json",
                   "folder");
     file_put(temp_path(&folder, "a.bin"), "hello", 5);

@@ -317,7 +317,7 @@ static void repeated_units_are_one(void **state)
         char names[128];
         snprintf(names, sizeof names, "\"%s\",\"none\",\"0_0/meta.json\"", aliases[k]);
         put_manifest(&folder, names, RANGE(2, 0, 5) "," RANGE(1, 0, 0) "," RANGE(0, 0, 5));
-        refuse(path, SGS_STATUS_FORMAT, "the tree names 10 primitives of unit 0, which has 5");
+        refuse(path, SGS_STATUS_FORMAT, "the tree names 10 primitives of SOG file 0, which has 5");
         put_manifest(&folder, names, RANGE(2, 3, 2) "," RANGE(1, 0, 0) "," RANGE(0, 0, 3));
         accept_model(path, 5);
     }

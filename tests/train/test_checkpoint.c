@@ -356,7 +356,7 @@ static void fields_may_be_missing_or_unknown_unless_they_are_essential(void **st
     // A length beyond the section.
     memcpy(bytes, good, size);
     memset(bytes + step - 4, 0xFF, 4);
-    refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "a field is cut or damaged");
+    refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "a field is truncated or damaged");
     free(good);
     free(bytes);
     sgs_trainer_destroy(trainer);

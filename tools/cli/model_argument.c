@@ -125,7 +125,7 @@ sgs_model_write_options model_write_options(const drawing_values *drawing)
 int model_output_format(const char *path, sgs_model_format *format)
 {
     if (!sgs_model_format_of_name(path, format))
-        return fail_usage("%s: the name requests no known format; use .ply, .compressed.ply, "
+        return fail_usage("%s: the name has no known extension; use .ply, .compressed.ply, "
                           ".splat, .spz, .ksplat, .glb, .sog, meta.json, lod-meta.json or .usda",
                           path);
     if (*format == SGS_MODEL_HTML)
@@ -142,11 +142,11 @@ static void warn_about_colors(const char *path, const char *name, const sgs_mode
     if (colors->white_point > 0)
         snprintf(white, sizeof white, " --white %.9g", colors->white_point);
     if (colors->space == SGS_SPACE_LINEAR)
-        print_warning("%s: %s has no mark for linear colours, which its viewers show too dark; "
+        print_warning("%s: %s cannot record linear colours, and its viewers show them too dark; "
                       "render with --train-space linear%s",
                       path, name, white);
     else if (*white)
-        print_warning("%s: %s has no mark for the white point; render with%s", path, name, white);
+        print_warning("%s: %s cannot record the white point; render with%s", path, name, white);
 }
 
 void model_warn_unmarked(const char *path, sgs_model_format format,
@@ -154,8 +154,8 @@ void model_warn_unmarked(const char *path, sgs_model_format format,
 {
     const char *name = sgs_model_format_name(format);
     if (options->antialiased && !sgs_model_format_marks_filter(format))
-        print_warning("%s: %s has no mark for models trained with Mip-Splatting's filters; render "
-                      "with --filter mip",
+        print_warning("%s: %s cannot record that a model was trained with Mip-Splatting's filters; "
+                      "render with --filter mip",
                       path, name);
     if (format != SGS_MODEL_HTML && !sgs_model_format_marks_colors(format))
         warn_about_colors(path, name, &options->colors);

@@ -444,7 +444,7 @@ static void print_help(const command_line *line)
         for (size_t i = 0; i < line->groups[g].count; ++i)
             print_option(&line->groups[g].options[i]);
     }
-    puts("  --help                      print this and exit");
+    puts("  --help print this help and exit");
 }
 
 // ---- Parsing ----

@@ -49,7 +49,7 @@ static const option common_options[] = {
     {.name = "quiet",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, quiet),
-     .help = "no progress, no notes"},
+     .help = "suppress progress and notes"},
 };
 
 option_group common_group(common_values *values)
@@ -82,9 +82,8 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, images),
      .argument = "DIR",
      .shown = "images",
-     .help =
-         "image folder, next to the sparse model; for transforms.json instead of the top folder "
-         "of the names"},
+     .help = "image folder, next to the sparse model; for transforms.json, it replaces the top "
+             "folder of the image names"},
     {.name = "downscale",
      .kind = OPTION_INTEGER,
      .offset = offsetof(scene_values, downscale),
@@ -153,8 +152,8 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, space),
      .argument = SPACE_WORDS,
      .initial = "srgb",
-     .help = "colour space of the model and the loss: display-encoded (sRGB) or scene-linear; a "
-             "stored model has the recorded one"},
+     .help = "colour space of the model and the loss: display-encoded (sRGB) or scene-linear; for "
+             "a stored model, the recorded one by default"},
     {.name = "white",
      .kind = OPTION_REAL,
      .offset = offsetof(scene_values, white_point),

@@ -59,7 +59,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     {                                                                                              \
         .name = "lpips-input", .kind = OPTION_CHOICE, .offset = offsetof(values, lpips_input),     \
         .argument = "unit|signed", .initial = "unit", .needs = "lpips",                            \
-        .help = "range of the values that LPIPS sees: [0, 1] as in 3DGS, or [-1, 1] as in its "    \
+        .help = "input range of the LPIPS network: [0, 1] as in 3DGS, or [-1, 1] as in its "       \
                 "paper"                                                                            \
     }
 // Loads the scene; NULL after printing the error, or when a signal ended the loading.

@@ -73,8 +73,8 @@ static const option output_options[] = {
     {.name = "overwrite",
      .kind = OPTION_FLAG,
      .offset = AT(overwrite),
-     .help = "replace the run in OUT, which moves to OUT/previous; the run that was there before "
-             "is removed"},
+     .help =
+         "replace the run in OUT, which moves to OUT/previous; an earlier run there is deleted"},
     {.name = "trace",
      .kind = OPTION_TEXT,
      .path = PATH_OUTPUT,
@@ -102,7 +102,7 @@ static const option output_options[] = {
      .initial = "10",
      .unit = "percent",
      .needs = "view",
-     .help = "share of the time that the viewer may take"},
+     .help = "maximum percentage of the time that the viewer may use"},
     {.name = "view-token",
      .kind = OPTION_TEXT,
      .offset = AT(view_token),
@@ -227,7 +227,7 @@ static void describe_resume(const sgs_train_option *rows, size_t count)
     size_t used =
         (size_t)snprintf(resume_help, sizeof resume_help,
                          "continue the run in OUT from its latest checkpoint with the "
-                         "same options; of those that shape the model, only these may change:");
+                         "same options; of those that affect the model, only these may change:");
     const char *comma = "";
     for (size_t i = 0; i < count && used < sizeof resume_help; ++i) {
         if (rows[i].resume != SGS_RESUME_FREE && rows[i].resume != SGS_RESUME_FREE_PAPER)

@@ -18,11 +18,11 @@
 #include "sparegs/rate_distortion.h"
 
 static const char description[] =
-    "Compares the curve of size and PSNR in TEST with that in ANCHOR: BD-rate is the mean change "
-    "in size at equal PSNR, BD-PSNR the mean change in PSNR at equal size. Both files are CSV "
-    "tables with a header that names the columns 'size' and 'psnr' (other columns are ignored) and "
-    "three rows or more, in any order. The curves are interpolated by monotone cubics (PCHIP) over "
-    "ln(size).";
+    "Compares the rate-distortion curve (size and PSNR) in TEST with that in ANCHOR: BD-rate is "
+    "the mean change in size at equal PSNR, BD-PSNR the mean change in PSNR at equal size. Both "
+    "files are CSV tables with a header that names the columns 'size' and 'psnr' (other columns "
+    "are ignored) and three rows or more, in any order. The curves are interpolated by monotone "
+    "cubics (PCHIP) over ln(size).";
 
 enum { COLUMNS = 2, MOST_POINTS = 100000 };
 

@@ -24,7 +24,7 @@ static const char description[] =
     "the cameras of SCENE. Prints the median, minimum and maximum over the repetitions, per ray "
     "hit in TSC cycles and nanoseconds and per megapixel, both as core time (wall-clock time x "
     "threads), together with the limits of the machine, measured in the same run. `forward` is "
-    "project, order and blend without `gather`; `total` is gather, forward and backward; "
+    "projection, ordering and blending, without `gather`; `total` is gather, forward and backward; "
     "`iteration` is everything except `build`. --ranks predicts training on several machines.";
 
 typedef struct bench_values {
@@ -98,7 +98,10 @@ static const option bench_options[] = {
      .kind = OPTION_FLAG,
      .offset = AT(csv),
      .help = "print one CSV row per scene and setting on stdout"},
-    {.name = "quiet", .kind = OPTION_FLAG, .offset = AT(quiet), .help = "no progress, no notes"},
+    {.name = "quiet",
+     .kind = OPTION_FLAG,
+     .offset = AT(quiet),
+     .help = "suppress progress and notes"},
 };
 
 typedef struct bench_setting {

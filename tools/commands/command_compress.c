@@ -18,14 +18,13 @@
 
 static const char description[] =
     "Compresses MODEL (a model file, or a run folder: its latest iteration) with a published "
-    "method. "
-    "SCENE provides the views for methods that weight primitives by their contribution or that "
-    "fine-tune the result. `sparegs decompress` writes the PLY file again.\n"
-    "ghap reduces the number of primitives and stores them as floats. sog sorts them into a square "
-    "grid and stores it as images. lightgaussian quantises the harmonics with a codebook. mesongs "
-    "codes positions as an octree and attributes with RAHT and 8 bits. fcgs-like codes quantised "
+    "method. SCENE provides the views for methods that weight primitives by their contribution or "
+    "that fine-tune the result. `sparegs decompress` writes the PLY file again.\nghap reduces the "
+    "number of primitives and stores them as floats. sog sorts them into a square grid and stores "
+    "it as images. lightgaussian quantises the SH coefficients with a codebook. mesongs codes "
+    "positions as an octree and attributes with RAHT and 8 bits. fcgs-like codes quantised "
     "attributes with probabilities fitted to the model; it has the structure of FCGS without its "
-    "trained network, so its figures are not those of FCGS. fcgs itself requires that network and "
+    "trained network, so its results are not those of FCGS. fcgs itself requires that network and "
     "is not available.";
 
 // The words of --method, in the order of sgs_compress_method.
@@ -61,8 +60,8 @@ static const option compress_options[] = {
      .offset = offsetof(compress_values, preset),
      .argument = "spare-1|spare-2|spare-3",
      .initial = "spare-1",
-     .help = "operating point of the method in the tables of SPARE-GS, from the largest file to "
-             "the smallest"},
+     .help = "operating point of the method in the tables of the SPARE-GS paper, from the largest "
+             "file to the smallest"},
     {.name = "finetune",
      .kind = OPTION_INTEGER,
      .offset = offsetof(compress_values, finetune),
@@ -81,7 +80,7 @@ static const option compress_options[] = {
      .argument = "R",
      .shown = "of the preset",
      .needs = "method=ghap|method=lightgaussian|method=mesongs",
-     .help = "share of the primitives to keep"},
+     .help = "fraction of the primitives to keep"},
     {.name = "eig-min",
      .kind = OPTION_REAL,
      .offset = offsetof(compress_values, eig_min),
@@ -109,7 +108,7 @@ static const option compress_options[] = {
      .argument = "N",
      .shown = "of the preset",
      .needs = "method=sog",
-     .help = "bits per value of band 0 of the harmonics"},
+     .help = "bits per value of SH band 0"},
     {.name = "sh-bits",
      .kind = OPTION_INTEGER,
      .offset = offsetof(compress_values, sh_bits),
@@ -118,7 +117,7 @@ static const option compress_options[] = {
      .argument = "N",
      .shown = "of the preset",
      .needs = "method=sog",
-     .help = "bits per value of the other bands"},
+     .help = "bits per value of the other SH bands"},
     {.name = "scale-bits",
      .kind = OPTION_INTEGER,
      .offset = offsetof(compress_values, scale_bits),
@@ -154,7 +153,7 @@ static const option compress_options[] = {
      .argument = "R",
      .shown = "of the preset",
      .needs = "method=lightgaussian",
-     .help = "share of the primitives whose harmonics come from the codebook"},
+     .help = "fraction of the primitives whose SH coefficients come from the codebook"},
     {.name = "distill",
      .kind = OPTION_INTEGER,
      .offset = offsetof(compress_values, distill),
@@ -164,7 +163,8 @@ static const option compress_options[] = {
      .shown = "none; published 10000",
      .unit = "iterations",
      .needs = "method=lightgaussian",
-     .help = "reduce the harmonics to degree 2, trained to render like MODEL; requires SCENE"},
+     .help = "reduce the SH degree to 2 and train the coefficients to match renders of MODEL; "
+             "requires SCENE"},
     {.name = "half",
      .kind = OPTION_FLAG,
      .offset = offsetof(compress_values, half),
@@ -226,7 +226,7 @@ static const option compress_options[] = {
      .argument = "jxl|webp|exr",
      .initial = "jxl",
      .needs = "method=sog",
-     .help = "format of the images, all without loss"},
+     .help = "format of the images, all lossless"},
 };
 
 static bool show_progress(void *user, const char *stage, size_t done, size_t total)

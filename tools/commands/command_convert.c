@@ -27,10 +27,10 @@ static const char description[] =
     "latest iteration) and writes OUT in the format of its name: .ply, .compressed.ply, .splat, "
     ".spz, .ksplat, .glb, .sog, FOLDER/meta.json (SOG in files), FOLDER/lod-meta.json (SOG with "
     "levels of detail), .usda (OpenUSD) or .html (a page that shows the model offline).\nFilters "
-    "run first and use the axes of a 3DGS PLY, whatever the format of IN; then the model is "
-    "scaled, rotated about x, y and z, and translated. SCENE is the data set of the model: its "
-    "cameras are added to .usda and .html, --filter-unseen requires it, and its views rank the "
-    "primitives for lod-meta.json.";
+    "are applied first and use the axes of a 3DGS PLY, regardless of the format of IN; then the "
+    "model is scaled, rotated about x, y and z, and translated. SCENE is the data set of the "
+    "model: its cameras are added to .usda and .html, --filter-unseen requires it, and its views "
+    "rank the primitives for lod-meta.json.";
 
 enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
 enum { ANTIALIASED_AUTO, ANTIALIASED_ON }; // words of --antialiased
@@ -55,7 +55,7 @@ static const option convert_options[] = {
      .offset = offsetof(convert_values, box),
      .argument = "x,y,z,X,Y,Z",
      .shown = "none",
-     .help = "keep primitives with centres from x,y,z to X,Y,Z; - is no limit"},
+     .help = "keep primitives with centres from x,y,z to X,Y,Z; '-' means no limit"},
     {.name = "filter-sphere",
      .kind = OPTION_TEXT,
      .offset = offsetof(convert_values, sphere),
@@ -131,7 +131,7 @@ static const option convert_options[] = {
      .argument = "x,y,z",
      .shown = "none",
      .unit = "degrees",
-     .help = "rotate about the x axis, then y, then z; SH too"},
+     .help = "rotate about the x axis, then y, then z, including the SH"},
     {.name = "translate",
      .kind = OPTION_TEXT,
      .offset = offsetof(convert_values, translate),
@@ -145,15 +145,15 @@ static const option convert_options[] = {
      .argument = "auto|on|off",
      .initial = "auto",
      .help = "mark OUT as trained with Mip-Splatting's filters (.ply, .compressed.ply, .spz, SOG, "
-             ".html; other formats have no mark); auto: if IN is marked, or its run used --filter "
-             "mip"},
+             ".html; other formats cannot record it); auto: if IN is marked, or its run used "
+             "--filter mip"},
     {.name = "input-spz-axes",
      .kind = OPTION_CHOICE,
      .offset = offsetof(convert_values, input_spz_axes),
      .argument = "rub|rdf",
      .initial = "rub",
-     .help = "axes of an .spz IN that does not name them: rub (the specification) or rdf (those of "
-             "the PLY)"},
+     .help = "axes of an .spz IN that does not declare them: rub (the specification) or rdf (those "
+             "of the PLY)"},
     {.name = "lod",
      .kind = OPTION_INTEGER,
      .offset = offsetof(convert_values, lod),
@@ -172,7 +172,7 @@ static const option convert_options[] = {
      .offset = offsetof(convert_values, spz_axes),
      .argument = "rub|rdf",
      .initial = "rub",
-     .help = "axes of .spz: rub (the specification), or rdf with a record that names them"},
+     .help = "axes of .spz: rub (the specification), or rdf with a record that declares them"},
     {.name = "ksplat-level",
      .kind = OPTION_INTEGER,
      .offset = offsetof(convert_values, ksplat_level),
@@ -203,7 +203,7 @@ static const option convert_options[] = {
      .high = 16,
      .argument = "N",
      .initial = "4",
-     .help = "levels of lod-meta.json; each holds the more important half of the one before"},
+     .help = "levels of lod-meta.json; each holds the more important half of the previous level"},
 };
 
 // ---- Parsing ----
@@ -298,10 +298,9 @@ static int parse_plan(const command_line *line, const convert_values *values, co
     *plan = (convert_plan){.values = values};
     const char *out = line->operands[1];
     if (!sgs_model_format_of_name(out, &plan->format))
-        return fail_usage(
-            "%s: the name requests no known format; use .ply, .compressed.ply, .splat, "
-            ".spz, .ksplat, .glb, .sog, meta.json, lod-meta.json, .usda or .html",
-            out);
+        return fail_usage("%s: the name has no known extension; use .ply, .compressed.ply, .splat, "
+                          ".spz, .ksplat, .glb, .sog, meta.json, lod-meta.json, .usda or .html",
+                          out);
     if (values->box) {
         const int low = parse_numbers(values->box, -INFINITY, plan->box, 6);
         double high[6];
@@ -333,8 +332,8 @@ static int parse_plan(const command_line *line, const convert_values *values, co
         status = refuse_idle(line, "lod-levels", "unless OUT is a lod-meta.json");
     if (status < 0 && values->antialiased == ANTIALIASED_ON &&
         !sgs_model_format_marks_filter(plan->format))
-        status = fail_usage("--antialiased on has no effect on %s: the format has no mark; render "
-                            "with --filter mip",
+        status = fail_usage("--antialiased on has no effect on %s: the format cannot record it; "
+                            "render with --filter mip",
                             out);
     if (status < 0 && line->operand_count == 2)
         status = refuse_idle(line, "filter-unseen", "without a SCENE");
@@ -362,7 +361,7 @@ static bool read_regions(const convert_plan *plan, const char *folder, const ope
     if (!region_map_read(folder, opened->located.iteration, opened->gaussians, regions))
         return false;
     if (!regions->iteration)
-        fail_run("%s: has no records of SPARE-GS's regions", folder);
+        fail_run("%s: contains no records of SPARE-GS regions", folder);
     return regions->iteration > 0;
 }
 

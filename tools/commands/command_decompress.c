@@ -14,11 +14,10 @@
 #include "cli/shared_options.h"
 #include "sparegs/compress.h"
 
-static const char description[] = "Writes the model in FILE, made by `sparegs compress`, as a PLY "
-                                  "file, or in the format of models "
-                                  "that the name of OUT requests, as `sparegs convert` does. The "
-                                  "bytes of a PLY file are the same "
-                                  "on every machine and with any number of threads.";
+static const char description[] =
+    "Writes the model in FILE, made by `sparegs compress`, as a PLY file, or in the model format "
+    "that the name of OUT selects, as `sparegs convert` does. The bytes of a PLY file are the same "
+    "on every machine and with any number of threads.";
 
 typedef struct decompress_values {
     const char *output;

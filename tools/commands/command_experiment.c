@@ -24,12 +24,12 @@
 #include "cli/shared_options.h"
 
 static const char description[] =
-    "Runs the trainings defined by PLAN.json (scenes x pipelines x variants x seeds), one at a "
-    "time, into DIR, and updates DIR/results.json and DIR/results.csv after each. The plan is "
-    "validated before the first run. Steps of \"post\" prune or compress the trained models and "
-    "evaluate the results. Rerun the same command to continue an interrupted experiment. "
-    "'sparegs report DIR' creates tables and an HTML page. Under mpirun or srun, the runs are "
-    "spread over the processes.";
+    "Trains the runs defined by PLAN.json (scenes x pipelines x variants x seeds), one at a time, "
+    "into DIR, and updates DIR/results.json and DIR/results.csv after each. The plan is validated "
+    "before the first run. Steps of \"post\" prune or compress the trained models and evaluate the "
+    "results. Rerun the same command to continue an interrupted experiment. 'sparegs report DIR' "
+    "creates tables and an HTML page. Under mpirun or srun, the runs are distributed over the "
+    "processes.";
 
 typedef struct experiment_values {
     const char *output;

@@ -24,10 +24,10 @@ static const char description[] =
     "Joins the blocks that were trained in DIR (block_0, block_1, ... of the plan DIR/blocks.json) "
     "into one model: each block contributes the primitives with centres in its own box. OUT is a "
     "run folder for eval, render, view and other commands. A block that is missing, unfinished, or "
-    "of another scene or plan is an error.\nThen compares the pixels at the faces between the "
-    "blocks with the others, in held-out images if there are any, and warns if they lose 0.5 dB of "
-    "PSNR or more against the model that the blocks started from. The figures are also in "
-    "OUT/summary.json. SCENE, its images and their split default to those of the blocks.";
+    "of another scene or plan is an error.\nThen compares the PSNR of the pixels near the faces "
+    "between the blocks with that of the others, in held-out images if there are any, and warns if "
+    "they lose 0.5 dB or more relative to the model that the blocks started from. The figures are "
+    "also in OUT/summary.json. SCENE, its images and their split default to those of the blocks.";
 
 typedef struct merge_values {
     const char *output;

@@ -18,7 +18,7 @@
 #include "run/trace_file.h"
 
 static const char description[] =
-    "Measures the BVH over MODEL (a model file or a run folder) with rays of the cameras of SCENE: "
+    "Measures the BVH of MODEL (a model file or a run folder) with rays from the cameras of SCENE: "
     "build and refit time, memory, surface-area cost and overlap of trees built with low, medium "
     "and high quality, of the refittable tree that training uses, and of that tree after many "
     "refits; callbacks, tests, evaluations and hits per ray, false positives, hits until rays "

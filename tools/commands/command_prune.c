@@ -19,16 +19,15 @@
 #include "sparegs/prune.h"
 
 static const char description[] =
-    "Removes the share R of the primitives of MODEL (a model file, or a run folder: its latest "
-    "iteration) that a score finds least important, and writes the rest to OUT. lightgaussian: "
+    "Removes the fraction R of the primitives of MODEL (a model file, or a run folder: its latest "
+    "iteration) with the lowest importance scores, and writes the rest to OUT. lightgaussian: "
     "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
     "closed form from the parameters and the camera positions, without rendering. pup: log "
     "determinant of the Fisher matrix of position and scale over the training views (PUP 3D-GS). "
-    "rap: a network on 15 features of the parameters; its weights are a file of RAP's authors.\n"
-    "With several ratios OUT is a folder of files prune_R.ply. lightgaussian and pup require "
-    "SCENE; refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, size, "
-    "split, "
-    "filter and background default to those of the run.";
+    "rap: a network on 15 features of the parameters; its weights are a file of RAP's "
+    "authors.\nWith several ratios OUT is a folder of files prune_R.ply. lightgaussian and pup "
+    "require SCENE; refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, "
+    "size, split, filter and background default to those of the run.";
 
 enum { MOST_RATIOS = 32 };
 
@@ -59,7 +58,7 @@ static const option prune_options[] = {
      .argument = "R[,R...]",
      .shown = "required with -o",
      .needs = "output",
-     .help = "shares of the primitives to remove, from 0 to less than 1"},
+     .help = "fractions of the primitives to remove, from 0 to less than 1"},
     {.name = "scores",
      .kind = OPTION_TEXT,
      .offset = offsetof(prune_values, scores),
@@ -188,7 +187,7 @@ static int check_values(pruning *p)
     if (values->weights && !values->output && !values->scores)
         return refuse_idle(p->line, "weights", "on --features alone");
     if (values->output && !values->ratio)
-        return fail_usage("-o requires --ratio R, the share of the primitives to remove");
+        return fail_usage("-o requires --ratio R, the fraction of the primitives to remove");
     if (values->ratio && !parse_ratios(values->ratio, &p->ratios))
         return EXIT_USAGE;
     sgs_model_format format;

@@ -34,9 +34,8 @@ static const char description[] =
     "`colmap`, 3.8 or newer, must be installed) and prepares SCENE for `sparegs train`: "
     "SCENE/images is a link to the photographs, SCENE/sparse/0 is the model, SCENE/colmap holds "
     "the database and logs. Needs neither a display nor a GPU. An interrupted run resumes after "
-    "the last completed stage. A model in SCENE/sparse/0 and a folder SCENE/images that the "
-    "command "
-    "did not make are kept, and refused before the work.";
+    "the last completed stage. If SCENE/sparse/0 or SCENE/images exists and was not created by "
+    "this command, it refuses to start.";
 
 typedef struct reconstruct_values {
     const char *output, *colmap, *camera_model;
@@ -342,7 +341,7 @@ static int find_features(reconstruction *run, const char *threads)
         renamed ? "--FeatureExtraction.num_threads" : "--SiftExtraction.num_threads",
         threads,
         NULL};
-    stage_progress progress = {.label = "features of photographs", .photos = run->count};
+    stage_progress progress = {.label = "extracting features", .photos = run->count};
     return write_text(run->list_path, run->names) ? run_colmap(run, arguments, &progress)
                                                   : EXIT_FAILED;
 }
@@ -390,7 +389,7 @@ static int find_cameras(reconstruction *run, const char *threads)
                                      "--Mapper.num_threads",
                                      threads,
                                      NULL};
-    stage_progress progress = {.label = "cameras", .photos = run->count};
+    stage_progress progress = {.label = "estimating cameras", .photos = run->count};
     return make_folder(run->models) ? run_colmap(run, arguments, &progress) : EXIT_FAILED;
 }
 
@@ -570,16 +569,18 @@ static void forget_removed(reconstruction *run)
 static int run_stages(reconstruction *run)
 {
     static const struct {
-        const char *name;
+        const char *name, *text;
         int (*run)(reconstruction *, const char *);
-    } stages[] = {{"features", find_features}, {"matches", find_matches}, {"models", find_cameras}};
+    } stages[] = {{"features", "extracting features of", find_features},
+                  {"matches", "matching", find_matches},
+                  {"models", "estimating the cameras of", find_cameras}};
     char threads[16];
     snprintf(threads, sizeof threads, "%d", sgs_threads_get());
     forget_removed(run);
     for (size_t i = 0; i < sizeof stages / sizeof *stages; ++i) {
         if (stage_done(run, stages[i].name))
             continue;
-        print_note("%s: %s of %zu photographs", run->photos, stages[i].name, run->count);
+        print_note("%s: %s %zu photographs", run->photos, stages[i].text, run->count);
         const int status = stages[i].run(run, threads);
         if (status >= 0)
             return status;

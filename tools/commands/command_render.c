@@ -30,7 +30,7 @@ static const char description[] =
     "without extension, and prints the paths. EXR colours are premultiplied by alpha, without "
     "background, and scene-linear: the model's display (sRGB) values are decoded unless "
     "--exr-encoding srgb is given. PNGs and videos are composited over the background. Under "
-    "mpirun or srun, the views are spread over the processes, and rank 0 encodes the video.";
+    "mpirun or srun, the views are distributed over the processes, and rank 0 encodes the video.";
 
 typedef struct render_values {
     const char *output, *view, *camera;
@@ -140,7 +140,7 @@ static const option render_options[] = {
      .offset = AT(frames),
      .argument = "A-B[:STEP]",
      .shown = "all",
-     .help = "render only these of the selected views, counted from 0"},
+     .help = "render only this range of the selected views, counted from 0"},
     {.name = "size",
      .kind = OPTION_TEXT,
      .offset = AT(size),
@@ -228,7 +228,7 @@ static const option render_options[] = {
      .initial = "auto",
      .needs = "output&format=exr|deep",
      .help = "EXR compression; auto uses zip for data that shrink by at least a third, else none; "
-             "dwaa is lossy for colour; deep files use zips for all but none"},
+             "dwaa is lossy for colour; deep files use zips, or none with none"},
     {.name = "half",
      .kind = OPTION_FLAG,
      .offset = AT(half),
@@ -244,8 +244,8 @@ static const option render_options[] = {
      .initial = "0",
      .unit = "pixels",
      .needs = "output&format=exr",
-     .help = "render this many more pixels on each side: the data window of the EXR files, around "
-             "the display window"},
+     .help = "render this many extra pixels on each side: they are in the data window of the EXR "
+             "files, outside the display window"},
     {.name = "deep",
      .kind = OPTION_FLAG,
      .offset = AT(deep),

@@ -17,16 +17,13 @@
 
 static const char description[] =
     "Divides SCENE, which has sparse points, into blocks that are trained separately, for scenes "
-    "larger than a machine. The box of the cameras is bisected across its longest side, so that "
-    "blocks have a similar product of views and sparse points; the outer blocks extend to "
-    "infinity. "
-    "A view belongs to every block whose cell, grown by a margin, is passed by enough of its lines "
-    "of sight to sparse points.\nWrites into DIR:\n  blocks.json  boxes and views of the blocks\n  "
-    "coarse.sh    trains a coarse model of the whole scene in DIR/coarse\n  blocks.sh    trains "
-    "the "
-    "blocks from it in DIR/block_0, DIR/block_1, ...: an array job for Slurm, or one after the "
-    "other\nBoth scripts pass their arguments to 'sparegs train'. Afterwards, 'sparegs merge DIR "
-    "-o "
+    "too large for one machine. The bounding box of the cameras is bisected along its longest "
+    "side, so that blocks have a similar product of views and sparse points; the outer blocks "
+    "extend to infinity. A view belongs to a block if enough of its lines of sight to sparse "
+    "points cross the cell of the block, enlarged by a margin.\nWrites into DIR:\n  blocks.json  "
+    "boxes and views of the blocks\n  coarse.sh    trains a coarse model of the whole scene in "
+    "DIR/coarse\n  blocks.sh trains the blocks from it in DIR/block_N, in turn or as a Slurm array "
+    "job\nBoth scripts pass their arguments to 'sparegs train'. Afterwards, 'sparegs merge DIR -o "
     "OUT' joins the blocks. The guide is in tools/manual/cluster.md.";
 
 typedef struct split_values {
@@ -58,7 +55,7 @@ static const option split_options[] = {
      .argument = "X",
      .initial = "0.2",
      .unit = "x side of the cell",
-     .help = "growth of a cell on each side before views are assigned to it"},
+     .help = "enlargement of a cell on each side before views are assigned to it"},
     {.name = "share",
      .kind = OPTION_REAL,
      .offset = offsetof(split_values, plan.share),
@@ -67,7 +64,7 @@ static const option split_options[] = {
      .argument = "X",
      .initial = "0.1",
      .help = "fraction of a view's lines of sight, to the sparse points in its image, that must "
-             "pass the grown cell of a block"},
+             "cross the enlarged cell of a block"},
 };
 
 static void print_plan(const sgs_blocks *blocks)
@@ -105,7 +102,7 @@ static bool write_plan(const sgs_scene *scene, const sgs_blocks *blocks, const s
     char *path = format_text("%s/blocks.json", values->output);
     bool done = !file_exists(path);
     if (!done)
-        fail_run("%s: exists already, and trained blocks depend on it; choose another folder",
+        fail_run("%s: already exists, and trained blocks depend on it; choose another folder",
                  path);
     json_t *plan = block_plan_json(scene, blocks, &values->plan);
     if (json)

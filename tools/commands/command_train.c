@@ -39,7 +39,7 @@ static const char description[] =
     "summary.json       training curves and results\n  checkpoint/                              "
     "full state for --resume\nSIGINT, SIGTERM, SIGUSR2, SIGXCPU and SIGHUP finish the current "
     "iteration and save; a second signal exits at once. SIGUSR1 saves a checkpoint and continues. "
-    "Under mpirun or srun, several processes train one model, with the result of one process.";
+    "Under mpirun or srun, several processes train one model, with the same result as one process.";
 
 typedef struct training {
     common_values common;
@@ -117,7 +117,7 @@ static bool load_scene(training *run)
                run->scene_path, run->scene->view_count - test, test, run->scene->point_count,
                run->load_seconds);
     if (run->values.region)
-        print_note("%s: comparing the images with the initial model", run->scene_path);
+        print_note("%s: mixing the images with renders of the initial model", run->scene_path);
     if (!run->scene->point_count && !run->values.init)
         print_note("%s: no points; starting from %zu random points", run->scene_path,
                    sgs_train_random_points(run->scene, &run->values.options));
@@ -318,8 +318,8 @@ static bool has_no_time(const training *run)
 {
     if (!time_is_up(run))
         return false;
-    fail_run("%s: --time-limit %gs leaves no time for an iteration (with loading and saving about "
-             "%.0f s are required), nothing was trained; allow more time, or omit --time-limit",
+    fail_run("%s: --time-limit %gs leaves no time for an iteration: at least %.0f s are required "
+             "with loading and saving; nothing was trained; allow more time, or omit --time-limit",
              run->values.output, run->values.time_limit,
              ceil(clock_seconds() - run->started + time_needed(run)));
     return true;

@@ -245,7 +245,7 @@ static char *answer_dominant(const profile_report *report)
         return format_text("Dominant phase: %s; no part of the model is in view.", largest.name);
     return format_text(
         "Dominant phase: %s, %.0f %% of %s; %.1f %% of the evaluated (block, primitive) pairs have "
-        "no hit, %.0f %% of SIMD lanes carry a hit, %.1f %% of BVH callbacks lead to a hit, and "
+        "no hit, %.0f %% of SIMD lanes have a hit, %.1f %% of BVH callbacks lead to a hit, and "
         "the slowest tile takes %.1f times the mean.",
         largest.name, 100 * quotient(largest.seconds, whole),
         report->training.iteration > 0 ? "an iteration" : "a view",

@@ -346,7 +346,8 @@ static json_t *save_exr(view_artist *artist, const artist_task *task)
     char *path;
     const bool done = view_painter_exr(&artist->painter, &task->request, &path);
     const char *error =
-        path ? sgs_last_error() : "all numbers of view_NNNN.exr are taken; move some files away";
+        path ? sgs_last_error()
+             : "all file names view_NNNN.exr are in use; move some of the files away";
     json_t *reply = done ? json_pack("{s:s,s:o}", "type", "saved", "path", json_text(path))
                          : json_pack("{s:s,s:s}", "type", "error", "text", error);
     free(path);
@@ -356,7 +357,8 @@ static json_t *save_exr(view_artist *artist, const artist_task *task)
 static json_t *crop_reply(const view_artist *artist, const artist_task *task)
 {
     if (artist->is_live)
-        return json_pack("{s:s,s:s}", "type", "error", "text", "a training model is not cropped");
+        return json_pack("{s:s,s:s}", "type", "error", "text",
+                         "the model of a running training cannot be cropped");
     json_t *reply = crop_save(&task->request.crop, artist->source);
     if (reply)
         return reply;
@@ -417,7 +419,7 @@ bool view_artist_start(view_artist *artist)
     artist->painter.source = artist->source;
     artist->running = !pthread_create(&artist->thread, NULL, draw_all, artist);
     if (!artist->running)
-        fail_run("no thread to draw the view");
+        fail_run("cannot start the rendering thread");
     return artist->running;
 }
 

@@ -130,7 +130,7 @@ static int send_page(const view_server *server, struct mg_connection *connection
     static const char placeholder[] = "NONCE";
     char nonce[NONCE_LENGTH + 1], cookie[300] = "", name[32];
     if (!token_create(nonce))
-        return send_status(connection, 503, "no random numbers");
+        return send_status(connection, 503, "the system provides no random numbers");
     token_cookie_name(server->rules.port, name);
     if (sets_cookie)
         snprintf(cookie, sizeof cookie, "Set-Cookie: %s=%s; Path=/; HttpOnly; SameSite=Strict\r\n",
@@ -211,7 +211,8 @@ static int route(const view_server *server, struct mg_connection *connection,
     if (!strcmp(path, "/stream"))
         return request->host && mg_get_header(connection, "Upgrade")
                    ? 0
-                   : send_status(connection, 426, "this address takes WebSockets");
+                   : send_status(connection, 426,
+                                 "this address accepts only WebSocket connections");
     if (!strcmp(path, "/"))
         return send_page(server, connection, request->host, server->rules.token && *request->token);
     if (!strcmp(path, "/favicon.ico")) {
@@ -237,13 +238,13 @@ static int answer_request(struct mg_connection *connection)
                                     .cookie = mg_get_header(connection, "Cookie"),
                                     .token = token};
     if (strcmp(info->request_method, "GET") != 0)
-        return send_status(connection, 405, "only GET is served");
+        return send_status(connection, 405, "only GET is supported");
     const int access = access_check(&server->rules, &request);
     if (access == 401)
         return send_status(connection, 401,
                            "a token is required: open the address that sparegs printed");
     if (access != 200)
-        return send_status(connection, access, "this host or origin is not served");
+        return send_status(connection, access, "this host or origin is not allowed");
     return route(server, connection, info, &request);
 }
 

@@ -11,8 +11,9 @@
 #include "bvh/embree_include.h"
 #include "base/threads.h"
 
-// As in Embree's BVHNBuilderSAH for user geometry. Its heuristic counts primitives in blocks of as
-// many as a node has children, so a REFIT tree has a leaf wherever its primitives fit into a block.
+// As in Embree's BVHNBuilderSAH for user geometry. Its heuristic counts primitives in blocks of the
+// number of children of a node, so a REFIT tree has a leaf wherever its primitives fit into one
+// block.
 enum { BRANCHES = 8, BRANCHES_SSE = 4, LEAF_REFIT = 7 };
 
 typedef struct box {
@@ -81,7 +82,7 @@ static void widen(box *b, const float lower[3], const float upper[3])
     }
 }
 
-// Surface of the intersection of two boxes; 0 when they are disjoint.
+// Surface area of the intersection of two boxes; 0 when they are disjoint.
 static double shared_area(const box *a, const box *b)
 {
     box both;

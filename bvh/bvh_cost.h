@@ -10,13 +10,13 @@
 #include "bvh/bvh.h"
 
 typedef struct sgsi_bvh_cost {
-    // Expected number of boxes and primitives that a random ray through the root box meets: the sum
-    // over nodes of their area divided by the area of the root, leaves times their primitives
-    // (Goldsmith and Salmon 1987; MacDonald and Booth 1990).
+    // Expected number of boxes and primitives that a random ray through the root box intersects:
+    // the sum over nodes of their area, for leaves times their number of primitives, divided by the
+    // area of the root (Goldsmith and Salmon 1987; MacDonald and Booth 1990).
     double cost;
     double primitives; // the primitives alone: those that Embree reports for such a ray
-    // Surface shared by two children of a node, relative to the surface of the node, summed over
-    // pairs; area-weighted mean.
+    // Surface area of the intersection of two children of a node, relative to that of the node,
+    // summed over pairs; area-weighted mean.
     double overlap;
     size_t nodes, leaves;
 } sgsi_bvh_cost;

@@ -72,11 +72,11 @@ typedef struct cell {
 } cell;
 
 // Per voxel, for the last pass over the primitives.
-typedef struct verdict {
+typedef struct decision {
     uint32_t region;
     float weight;
     uint32_t over; // n_r > quota
-} verdict;
+} decision;
 
 typedef struct sort_item {
     uint64_t key;
@@ -86,7 +86,7 @@ typedef struct sort_item {
 typedef struct workspace {
     uint32_t *region_of;      // [count]; voxel index until the last pass
     cell *cells;              // [voxels + 1], the last one for non-finite centres
-    verdict *verdicts;        // [voxels + 1]
+    decision *decisions;      // [voxels + 1]
     spare_region *regions;    // [regions]
     sort_item *items, *other; // [regions]
     size_t size;
@@ -139,7 +139,7 @@ static workspace lay_out(const spare_options *options, size_t count, void *memor
     workspace w = {0};
     w.region_of = carve(memory, &w.size, count, sizeof *w.region_of);
     w.cells = carve(memory, &w.size, voxels + 1, sizeof *w.cells);
-    w.verdicts = carve(memory, &w.size, voxels + 1, sizeof *w.verdicts);
+    w.decisions = carve(memory, &w.size, voxels + 1, sizeof *w.decisions);
     w.regions = carve(memory, &w.size, regions, sizeof *w.regions);
     w.items = carve(memory, &w.size, regions, sizeof *w.items);
     w.other = carve(memory, &w.size, regions, sizeof *w.other);
@@ -223,8 +223,8 @@ static float select_value(float *values, size_t count, size_t k)
     return values[k];
 }
 
-// The box of the finite centres without the share `quantile` of them at both ends of each axis.
-// `values` has room for input->count.
+// The box of the finite centres, excluding the fraction `quantile` of them at each end of each
+// axis. `values` has room for input->count.
 static box quantile_box(const spare_input *input, double quantile, size_t grid, float *values)
 {
     const float *const columns[3] = {input->x, input->y, input->z};
@@ -294,7 +294,7 @@ static void accumulate(const spare_input *input, const uint32_t *voxel_of, cell 
 
 // Non-empty voxels in ascending order with their means (16), (17) and (18). Returns K.
 static size_t collect_regions(const cell *cells, size_t voxels, spare_region *regions,
-                              verdict *verdicts)
+                              decision *decisions)
 {
     size_t count = 0;
     for (size_t voxel = 0; voxel < voxels; ++voxel) {
@@ -302,7 +302,7 @@ static size_t collect_regions(const cell *cells, size_t voxels, spare_region *re
         if (!c->count)
             continue;
         const double n = (double)c->count;
-        verdicts[voxel].region = (uint32_t)count;
+        decisions[voxel].region = (uint32_t)count;
         regions[count++] = (spare_region){
             .voxel = (uint32_t)voxel,
             .count = (uint32_t)c->count,
@@ -434,7 +434,8 @@ static void score_regions(const spare_options *options, workspace *w, size_t cou
     }
 }
 
-// Share (19), quota (20), slack (21), weight (22) and the verdict of each voxel.
+// Share (19), quota (20), slack (21) and weight (22) of each region, and the decision for its
+// voxel.
 static void allocate(const spare_options *options, workspace *w, size_t count, double budget)
 {
     double sum = 0.0, most = 0.0;
@@ -449,7 +450,7 @@ static void allocate(const spare_options *options, workspace *w, size_t count, d
         region->quota = budget * region->share;
         region->slack = (region->quota - n) / (region->quota + 1.0);
         region->weight = modulation(options, region->slack, region->score / most);
-        verdict *v = &w->verdicts[region->voxel];
+        decision *v = &w->decisions[region->voxel];
         v->weight = (float)region->weight;
         v->over = n > region->quota;
     }
@@ -463,7 +464,7 @@ static size_t judge(const spare_options *options, const spare_input *input, cons
     const double tau_gradient = 0.5 * options->tau_gradient;
     size_t found = 0;
     for (size_t i = 0; i < input->count; ++i) {
-        const verdict *v = &w->verdicts[w->region_of[i]];
+        const decision *v = &w->decisions[w->region_of[i]];
         w->region_of[i] = v->region;
         weights[i] = v->weight;
         const bool faint = v->over && (double)input->opacity[i] < options->tau_alpha;
@@ -495,9 +496,9 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
     // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): as above
     memset(w.cells, 0, (voxels + 1) * sizeof *w.cells);
     accumulate(input, w.region_of, w.cells);
-    w.verdicts[voxels] = (verdict){.region = SPARE_NO_REGION, .weight = 1.0f};
+    w.decisions[voxels] = (decision){.region = SPARE_NO_REGION, .weight = 1.0f};
     const double total = (double)(input->count - w.cells[voxels].count);
-    const size_t count = collect_regions(w.cells, voxels, w.regions, w.verdicts);
+    const size_t count = collect_regions(w.cells, voxels, w.regions, w.decisions);
     score_regions(options, &w, count);
     allocate(options, &w, count, options->budget_scale * total);
 

@@ -22,8 +22,8 @@ typedef enum spare_phi {
 // Defaults in parentheses.
 typedef struct spare_options {
     int grid; // voxels per axis, clamped to 1..256 (32)
-    // Share of the centres beyond the grid at both ends of each axis, at most 0.25 (0: the bounding
-    // box of the paper). Their primitives belong to the outermost voxels.
+    // Fraction of the centres outside the grid at each end of each axis, at most 0.25 (0: the
+    // bounding box of the paper). Their primitives belong to the outermost voxels.
     double grid_quantile;
     double budget_scale;               // kappa: B = kappa N (1)
     double slack_gain;                 // kappa_s (2)

@@ -23,7 +23,7 @@
 //   0 <= Delta L   and   Delta L + 2 error < eps_L.
 //
 // An interval ends at a check, but not before it holds as many iterations as there are views. The
-// fit starts again after a disturbance: a structural update, an opacity reset, a new image size.
+// fit restarts after a structural update, an opacity reset or a change of the image size.
 
 #include <math.h>
 #include <string.h>

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Shared internals of the library: error sentences, warnings, aligned memory, checked sizes,
+// Shared internals of the library: error messages, warnings, aligned memory, checked sizes,
 // reading files, replacing files atomically, clock, random numbers. Independent of Gaussians.
 
 #include <stdarg.h>
@@ -19,10 +19,10 @@
 #define SGSI_PRINTF(fmt, args)
 #endif
 
-// Records the sentence for sgs_last_error().
+// Records the message for sgs_last_error().
 void sgsi_record_error(const char *format, ...) SGSI_PRINTF(1, 2);
 
-// Records the sentence for sgs_last_error() and evaluates to `status`: `return
+// Records the message for sgs_last_error() and evaluates to `status`: `return
 // sgsi_fail(SGS_STATUS_FORMAT, "%s: ...", path)`. A macro, so that compilers and analysers see at
 // the call that the status is a failure.
 #define sgsi_fail(status, ...) (sgsi_record_error(__VA_ARGS__), (status))
@@ -81,7 +81,7 @@ size_t sgsi_byte_order_mark(const uint8_t *text);
 
 // Writes a file atomically: "PATH.tmp.NUMBER" is written, flushed, synced and then renamed to PATH.
 // NUMBER consists of the process id and six digits that count the files of the process. Threads may
-// write the same path at the same time: the last commit remains.
+// write the same path at the same time: the last commit wins.
 typedef struct sgsi_atomic_file {
     FILE *stream;
     char *path, *temporary;

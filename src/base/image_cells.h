@@ -5,7 +5,8 @@
 // Cells of an image: squares of 4 x 4 or 8 x 8 tiles, numbered along a Hilbert curve (Hilbert
 // 1891). Sums over an image are computed per cell and added in the order of the curve. Any division
 // of the cells into contiguous pieces of the curve, among threads or processes, then gives the same
-// bits, and a piece is compact: few primitives meet more than one. Depends on the image size only.
+// bits, and a piece is compact: few primitives overlap more than one. Depends on the image size
+// only.
 
 #include <stdbool.h>
 #include <stddef.h>

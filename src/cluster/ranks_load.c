@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Launchers and plug-ins. A launcher announces itself in the environment; only then is the plug-in
-// of its MPI library loaded, so that a plain run needs no MPI.
+// Launchers and plug-ins. A launcher is detected by its environment variables; only then is the
+// plug-in of its MPI library loaded, so that a run without a launcher needs no MPI.
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -4,9 +4,9 @@
 
 // The division of a model's rows among ranks, and the lists of what they send each other in a view.
 // A rank owns every ranks-th group of 256 rows: their parameters, moments and statistics. It
-// projects its rows and sends each record to the ranks whose cells the primitive may meet
+// projects its rows and sends each record to the ranks whose cells the primitive may overlap
 // (sgsi_router); these return the sums of its gradient per cell. Pure functions on arrays of the
-// caller: they exchange nothing.
+// caller, without communication.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -29,8 +29,6 @@ enum {
 // padding is shorter than an item.
 size_t sgsi_shard_bytes(size_t count, size_t item);
 size_t sgsi_shard_items(size_t bytes, size_t item);
-
-// ---- Records: the ranks that a primitive may meet ----
 
 typedef struct sgsi_router sgsi_router;
 

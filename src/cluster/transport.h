@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What moves bytes between ranks: threads of one process, or an MPI plug-in. Every function is
+// Transport of bytes between ranks: threads of one process, or an MPI plug-in. Every function is
 // called by all ranks in the same order, by one thread of each. Failures of the network end the
 // process, as MPI does by default.
 

@@ -5,7 +5,7 @@
 //
 //     0  "SGSPACK1"
 //     8  method, 16 bytes, padded with zeros
-//    24  version of the method's layout: u32 | degree of the harmonics: u32
+//    24  version of the method's layout: u32 | SH degree: u32
 //    32  primitives: u64 | primitives before the compression: u64
 //    48  size of the file: u64 | sections: u32 | reserved: u32
 //    64  per section, 48 bytes: name, 16 bytes | deflated: u32 | reserved: u32 |

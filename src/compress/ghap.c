@@ -12,10 +12,10 @@
 // alternating between the assignment of each i to its nearest j (ties share the weight) and the
 // weighted means nu_j, Gamma_j. This is k-means in nine dimensions: mean and the six entries of the
 // covariance, those off the diagonal multiplied by sqrt(2). The primitive nearest to a component
-// supplies harmonics and opacity. With a scene the result is trained for 5000 iterations.
+// supplies SH coefficients and opacity. With a scene the result is trained for 5000 iterations.
 //
-// Differences from the released code: the tree is lower for models of less than 8192 primitives,
-// so that a block has at least 8 (otherwise blocks would lose all of them).
+// Differences from the released code: the tree has fewer levels for models of less than 8192
+// primitives, so that a block has at least 8 (otherwise blocks would lose all of them).
 
 #include <math.h>
 #include <string.h>

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Images of integers as JPEG XL, WebP or OpenEXR in memory, without loss.
+// Lossless images of integers as JPEG XL, WebP or OpenEXR in memory.
 
 #include <stdbool.h>
 #include <stddef.h>

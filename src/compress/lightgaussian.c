@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// LightGaussian (Fan et al. 2024), section 3.4: the harmonics of the least significant primitives
-// are replaced by entries of a codebook (VecTree quantisation). Constants are those of the authors'
-// released code; pruning with its fine-tuning and the distillation of the harmonics (distill.h)
-// are options.
+// LightGaussian (Fan et al. 2024), section 3.4: the SH coefficients of the least significant
+// primitives are replaced by entries of a codebook (VecTree quantisation). Constants are those of
+// the authors' released code; pruning with its fine-tuning and the distillation to a lower SH
+// degree (distill.h) are options.
 //
 // The codebook starts uniform in +-sqrt(6 / (K dim)). In each of 1000 steps, 80 000 rows are drawn
 // with replacement, with weights w proportional to the significance and mean 1, and assigned to the

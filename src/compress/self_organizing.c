@@ -2,16 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Self-Organizing Gaussians (Morgenstern et al. 2024) for a trained model: primitives are sorted
-// into a square grid (plas.h), every attribute becomes an image of integers, and image codecs
-// without loss store the images. Ranges and depths follow the authors' released experiment
-// jxl_quant_sh; the depths of the presets are those that give the sizes in the tables of SPARE-GS.
+// into a square grid (plas.h), every attribute becomes an image of integers, which lossless image
+// codecs store. Ranges and depths follow the authors' released experiment jxl_quant_sh; the depths
+// of the presets are those that give the sizes in the tables of SPARE-GS.
 //
 // The side of the grid is int(sqrt(N)); the primitives of lowest opacity beyond it are dropped. A
 // value v with q bits is round((v - low) / (high - low) 2^q), so there are 2^q + 1 levels.
 // Positions are sign(x) ln(1 + |x|) before. Decoders compute with portable_math.h.
 //
-// Differences from the released code: rotations are unit quaternions with w >= 0; band 0 of the
-// harmonics is quantised and stored without loss.
+// Differences from the released code: rotations are unit quaternions with w >= 0; SH band 0 is
+// quantised and stored losslessly.
 
 #include <math.h>
 #include <stdlib.h>

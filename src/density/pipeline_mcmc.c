@@ -12,26 +12,26 @@
 //
 // Growth: the count grows to min(cap, 1.05 N). The sources are drawn from all rows by their new
 // opacities and divided in the same way; moments of sources and new rows start at 0. At the cap
-// only relocation goes on.
+// only relocation continues.
 //
 // Noise and regularisers: density/position_noise.c and optimize/kernel_optimize.inl. Their
 // published weights depend on the unit of length, because the noise grows with its third power and
 // the scale loss with the first. By default they are multiplied by (5 / E)^2 and 5 / E: a scene of
 // extent E = 5 gets the published values, and the result does not depend on the unit.
 //
-// Short runs: the primitives of one division coincide, and the noise moves them too slowly apart
-// for a run of some thousand iterations, while it keeps all faint ones from settling. Up to 7000
-// iterations there is none. Instead, each row of a division moves once, by 0.8 times a normal
-// deviate of its own covariance, like the children of a split. Towards 30 000 iterations both
-// change into the published way. A given --mcmc-noise is used as it is, without the spread.
+// Short runs: the primitives of one division coincide, and the noise separates them too slowly for
+// a run of a few thousand iterations, while it prevents faint primitives from converging. Up to
+// 7000 iterations there is no noise. Instead, each row of a division moves once, by 0.8 times a
+// normal deviate of its own covariance, like the children of a split. Towards 30 000 iterations
+// both approach the published method. A given --mcmc-noise is used as it is, without the spread.
 //
 // SPARE-GS (a proposal; the paper does not treat this pipeline): w multiplies the opacities of both
-// draws, and growth adds the share of sum min(w, 1) instead of N, so that over-budget regions lend
-// less. The redundancy mask joins the dead rows: redundant rows are deleted and the cap falls by as
-// many, or relocated. The opacity loss makes many rows faint, so an update takes the faintest: at
-// most 5 % (mcmc_growth) in short runs. With the published growth, deleting as many would stop the
-// growth, and the cap would fall in each of 243 updates: there an update deletes at most half of
-// what growth may add, and none at the cap.
+// draws, and growth is proportional to sum min(w, 1) instead of N, so that over-budget regions
+// contribute less. Redundant rows are treated with the dead ones: they are deleted and the cap is
+// reduced by as many, or relocated. The opacity loss makes many rows faint, so an update takes the
+// faintest: at most 5 % (mcmc_growth) in short runs. With the published growth, deleting as many
+// would stop the growth, and the cap would fall in each of 243 updates: there an update deletes at
+// most half of what growth may add, and none at the cap.
 
 #include "density/pipeline.h"
 
@@ -253,7 +253,8 @@ static sgsi_sampling sampling(const sgs_train_options *train, double extent)
     const sgs_pipeline_options *own = &train->pipeline_options;
     const bool relative = own->mcmc_units == SGS_MCMC_UNITS_EXTENT && extent > 0.0;
     const double unit = relative ? PAPER_EXTENT / extent : 1.0;
-    // A scale grows e-fold in 200 steps at most: a short run cannot afford to start from a tenth.
+    // A scale grows by a factor of e in 200 steps at most: a short run has no time to grow from a
+    // tenth.
     const double length = train->schedule == SGS_SCHEDULE_SCALED
                               ? fmin(train->iterations / (double)SGSI_PAPER_LENGTH, 1.0)
                               : 1.0;

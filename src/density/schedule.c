@@ -105,7 +105,7 @@ static int batch(int paper, double f)
     return paper ? rounded(paper * fmin(f, 1.0), 1) : 0;
 }
 
-// 3DGS resets opacities once more on a white background, at the begin of densification.
+// On a white background, 3DGS makes an additional opacity reset at the start of densification.
 static bool is_white(const sgs_train_options *options)
 {
     const float *c = options->background;

@@ -83,7 +83,8 @@ int sgsi_schedule_updates(const sgsi_schedule *schedule);
 // True if the optimiser steps in this iteration: SH bands above 0 (rest), other parameters (main).
 bool sgsi_schedule_steps_rest(const sgsi_schedule *schedule, int iteration);
 bool sgsi_schedule_steps_main(const sgsi_schedule *schedule, int iteration);
-// Factor on the initial position rate: 1 at the begin, 0.01 at the end, log-linear.
+// Factor on the initial learning rate of the positions: 1 at the start, 0.01 at the end,
+// log-linear.
 double sgsi_schedule_lr(const sgsi_schedule *schedule, int iteration);
 // True if the other rates decay in this iteration. The loss then follows the rates, so that it
 // cannot show an equilibrium.

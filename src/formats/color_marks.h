@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Marks of the colours in model files: the comments of a PLY, and the names of colour spaces that
-// OpenUSD and glTF use. The primaries of a model are those of Rec. 709.
+// How model files record the meaning of their colours: the comments of a PLY, and the names of
+// colour spaces in OpenUSD and glTF. The primaries of a model are those of Rec. 709.
 
 #include <stdio.h>
 

@@ -249,7 +249,7 @@ static bool is_compressed(const json_t *splatting)
     return false;
 }
 
-// transform: NULL if it is no similarity.
+// transform: NULL if it is not a similarity.
 static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_similarity *transform)
 {
     const json_t *primitive;
@@ -332,7 +332,7 @@ static void quaternion_of(double m[3][3], double q[4])
     q[1 + k] = m[i][k] + m[k][i];
 }
 
-// The transform of a node within its parent; false if it is no similarity.
+// The transform of a node within its parent; false if it is not a similarity.
 static bool read_transform(const json_t *node, double *scale, double quaternion[4],
                            double translation[3])
 {

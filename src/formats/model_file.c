@@ -1,9 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The table of model formats: names, first bytes, reader and writer of each. A file is of the
-// format that its name requests if its first bytes agree, else of the format that its first bytes
-// indicate.
+// The table of model formats: names, first bytes, reader and writer of each. A file has the format
+// that its name selects if its first bytes agree, else the format that its first bytes indicate.
 
 #include "sparegs/model_file.h"
 
@@ -23,11 +22,11 @@ enum { PROBE_BYTES = 8192 };
 
 typedef struct format_row {
     const char *name, *ending;                          // of file names
-    bool (*matches)(const uint8_t *bytes, size_t size); // NULL: no mark
+    bool (*matches)(const uint8_t *bytes, size_t size); // NULL: the format has no signature
     sgsi_model_read_fn read;                            // NULL: written only
     sgsi_model_write_fn write;
     bool marks_filter;
-    sgsi_model_colors_fn read_colors; // NULL: no mark
+    sgsi_model_colors_fn read_colors; // NULL: not recorded
 } format_row;
 
 static bool begins(const uint8_t *bytes, size_t size, const char *mark, size_t length)
@@ -177,7 +176,7 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
         size = fread(bytes, 1, sizeof bytes, stream);
         fclose(stream);
     }
-    if (begins(bytes, size, "SGSPACK1", 8)) // whatever the name: .splat and .ksplat have no mark
+    if (begins(bytes, size, "SGSPACK1", 8)) // for any name: .splat and .ksplat have no signature
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: is a compressed model; write it as PLY with 'sparegs decompress'",
                          path);
@@ -188,7 +187,7 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
     struct stat info;
     if (opened && !stat(path, &info)) // a pipe, or not readable
         return opened;
-    // Files without a mark may begin with the two bytes of gzip data.
+    // Files without a signature may begin with the two bytes of gzip data.
     for (int k = 0; k < SGS_MODEL_FORMAT_COUNT && (has_mark || !is_gzip(bytes, size)); ++k)
         if (table[k].matches && table[k].matches(bytes, size)) {
             *format = (sgs_model_format)k;

@@ -151,7 +151,7 @@ static void undo_file(const sgsi_model_folder *folder, sgsi_model_folder_file *f
         file->is_aside = move_file(folder, "old", file->name, false, NULL) != SGS_STATUS_OK;
 }
 
-// Keeps the sentence of the failure that is undone.
+// Keeps the error message of the failure that is undone.
 static void undo(sgsi_model_folder *folder, sgsi_model_folder_file *manifest)
 {
     char *sentence = sgsi_strdup(sgs_last_error());

@@ -9,7 +9,7 @@
 
 typedef sgs_status (*sgsi_model_read_fn)(const char *path, const sgs_model_read_options *options,
                                          sgs_gaussians **model, sgs_model_info *info);
-// Reads the marks of the colours only, without warnings.
+// Reads only what the file records about its colours, without warnings.
 typedef sgs_status (*sgsi_model_colors_fn)(const char *path, sgs_model_colors *colors);
 typedef sgs_status (*sgsi_model_write_fn)(const char *path, const sgs_gaussians *model,
                                           const sgs_model_write_options *options,

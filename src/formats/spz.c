@@ -420,7 +420,7 @@ static double largest_log_scale(const sgs_gaussians *model, size_t i)
     return largest;
 }
 
-// One far primitive makes the positions of all coarse.
+// A single distant primitive makes all positions coarse.
 static void warn_about_positions(const char *path, const sgs_gaussians *model, int fractional_bits)
 {
     const double step = ldexp(1.0, -fractional_bits);

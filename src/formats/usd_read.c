@@ -2,11 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Reads a ParticleField3DGaussianSplat from OpenUSD text: the first one in the layer, its five
-// attributes (or their half twins, which the text also writes as numbers), colorSpace:name (its own
-// or that of the nearest prim above it, as in UsdColorSpaceAPI), our white point, upAxis, and
-// nothing else. No composition, no time samples; transforms above the prim are refused, because
-// they would have to rotate SH. Many programs write every prim with operations that move nothing;
-// these are accepted.
+// attributes (or their half-precision variants, which the text also writes as numbers),
+// colorSpace:name (its own or that of the nearest prim above it, as in UsdColorSpaceAPI), our white
+// point, upAxis, and nothing else. No composition, no time samples; transforms above the prim are
+// refused, because they would have to rotate SH. Many programs write every prim with identity
+// operations; these are accepted.
 
 #include "formats/model_format.h"
 
@@ -174,7 +174,7 @@ static sgs_status read_numbers(usd_reader *reader, usd_values kind)
     }
 }
 
-// Whether the value of the transform operation moves nothing. Does not consume it.
+// Whether the transform operation is the identity. Does not consume its value.
 static bool is_identity(const usd_reader *reader, const char *operation)
 {
     enum { MOST = 16 };

@@ -6,7 +6,8 @@
 // OpenEXRCore 3.1 does not compress with DWAA. OpenImageIO encodes such an image in memory, and its
 // chunks are copied to the file. A DWA chunk states which channel names are lossy, among those of
 // the encoded image. So a channel that OpenImageIO encodes under another name, as lossless, is
-// lossless under its own name, too. It encodes an image of one channel with ZIP, and so do we.
+// lossless under its own name, too. OpenImageIO encodes an image of one channel with ZIP, and so
+// does this file.
 
 #include "image/exr_writer.h"
 

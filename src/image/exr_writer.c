@@ -10,11 +10,11 @@
 // Chunks are encoded in parallel, a band of them at a time, because compression dominates the time.
 // They are written in order: the bytes of a file do not depend on the number of threads.
 //
-// Why not OpenImageIO for flat files: it has one compression for all chunks of a file, and with
-// OpenEXR 3.1 it deflates by zlib (see exr_zip.c). Floats with noise in their low bits hardly
-// shrink, yet deflating them takes several times as long as tracing them. The format permits
-// uncompressed chunks, so SGS_EXR_AUTO compresses a sample of lines of each band and compresses the
-// band only if this saves a third.
+// Flat files are not written by OpenImageIO, because it uses one compression for all chunks of a
+// file, and with OpenEXR 3.1 it deflates by zlib (see exr_zip.c). Floats with noise in their low
+// bits hardly shrink, yet deflating them takes several times as long as tracing them. The format
+// permits uncompressed chunks, so SGS_EXR_AUTO compresses a sample of lines of each band and
+// compresses the band only if this saves a third.
 
 #include "image/exr_writer.h"
 

@@ -4,8 +4,8 @@
 // ZIP compression after "OpenEXR File Layout": even bytes are moved before odd bytes, each byte is
 // replaced by its difference from the previous one plus 128, and the result is deflated.
 //
-// Why not OpenEXR's own: OpenEXR 3.1 uses zlib; libdeflate, used since OpenEXR 3.2, is three times
-// as fast at the same size. Deep files need this code in any case (exr_deep.c).
+// OpenEXR's own code is not used: OpenEXR 3.1 uses zlib; libdeflate, used since OpenEXR 3.2, is
+// three times as fast at the same size. Deep files need this code in any case (exr_deep.c).
 
 #include "image/exr_zip.h"
 

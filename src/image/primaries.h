@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Primaries of linear RGB images. Knows the eight CIE 1931 chromaticities that OpenEXR stores, and
-// no transfer functions.
+// Primaries of linear RGB images, as the eight CIE 1931 chromaticities that OpenEXR stores. No
+// transfer functions.
 
 #include <stdbool.h>
 

@@ -267,8 +267,8 @@ static void map_row(channel_block *block, int row, int r)
         vf_store(&s->map[0][16 * k], vf_keep(inside, a));
         vf_store(&s->map[1][16 * k], vf_keep(inside, b));
         vf_store(&s->map[2][16 * k], vf_keep(inside, c));
-        // Map vectors begin five columns to the left of output vectors: one of them may meet both
-        // cells.
+        // Map vectors begin five columns to the left of output vectors: one of them may overlap
+        // both cells.
         if (own_row && k <= block->split)
             block->dissimilarity[0] =
                 vf_add(block->dissimilarity[0], vf_keep(vm_from_bits(s->own[0][k]), lost));

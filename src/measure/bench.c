@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Times training iterations. The bench owns a real trainer over its views and keeps it at an
+// Times training iterations. The benchmark owns a trainer over its views and keeps it at an
 // iteration without structural update at which all SH bands are active. The parameters are restored
 // after each step, so all steps do the same work. No trainer code is duplicated here.
 

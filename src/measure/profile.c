@@ -196,7 +196,7 @@ static void record_gather(profile_job *job, sgs_profile_kind kind, double second
     *best = fmin(*best, seconds);
 }
 
-// One repetition of a kind: builds its tree, draws the view without and with depth bounds.
+// One repetition of a kind: builds its tree, traces the view without and with depth bounds.
 static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profile_kind kind,
                                bool last)
 {

@@ -13,7 +13,8 @@
 
 #include "base/core.h"
 
-// Pixels of a photograph that shows the scene from a distance of its size.
+// Rounding of positions that causes a warning: pixels of a photograph from a distance of the
+// scene's size.
 static const double COARSE_STEP = 0.1;
 
 sgs_status sgsi_scene_no_memory(const char *path)

@@ -6,9 +6,9 @@
 // the tolerance, a fraction of the distance, of the first. With T in front of the first hit and W
 // the sum of the weights, the sample has
 //     alpha = W / T,    colour = sum(w c) / T    (premultiplied).
-// Composited with `over`, it adds and hides exactly what its hits do, so flattening the file gives
-// the flat image for any tolerance. If a pixel still exceeds max_samples, its tolerance grows until
-// the samples fit.
+// Composited with `over`, it contributes and occludes exactly as its hits do, so flattening the
+// file gives the flat image for any tolerance. If a pixel still exceeds max_samples, its tolerance
+// grows until the samples fit.
 
 #include "trace/deep.h"
 

@@ -3,7 +3,7 @@
 
 // The trainer's whole state as named sections of one file (sections.c):
 //
-//   options    fields (fields.h): every option that shapes the result (checkpoint_options.c)
+//   options    fields (fields.h): every option that affects the result (checkpoint_options.c)
 //   scene      u64 per training view: digest of its name, camera and pose
 //   size       u64: number of primitives n
 //   progress   fields: counters, averages, equilibrium, seconds (checkpoint_progress.c)

@@ -8,7 +8,7 @@
 #include "base/fields.h"
 #include "sparegs/trainer.h"
 
-// Every option that shapes the result, as text (sgs_train_option_text).
+// Every option that affects the result, as text (sgs_train_option_text).
 void sgsi_options_write(sgsi_field_list *list, const sgs_train_options *options);
 
 // Compares the options of a checkpoint (content of the section 'options') with `now`. A difference

@@ -4,7 +4,7 @@
 // Estimate of the memory of a training before it starts. Photographs, rays, parameters, moments,
 // statistics and projected records are counted exactly. Candidates of the fullest tile, gradient
 // records per tile and primitive, and the copies of a structural update depend on the scene; their
-// constants were fitted to the peak RSS of 37 trainings of five scenes with up to 67 000
+// constants were fitted to the peak RSS of 37 training runs of five scenes with up to 67 000
 // primitives, 8-bit images of 480 to 376 000 pixels and all pipelines, within 20 %. For small
 // images the estimate exceeds the peak, because the memory limit of a trainer relies on it.
 

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Drawing with a shared model: the stages of train_view.h up to the image, on the rows that each
-// rank owns. Used to evaluate the model that a training has saved.
+// Rendering with a model that is divided among ranks: the stages of train_view.h up to the image,
+// on the rows that each rank owns. Used to evaluate the model that a training has saved.
 
 #include "sparegs/rank_renderer.h"
 

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Blocks are trained without knowing of each other and then joined. If each of them matched the
-// photographs everywhere, each would also correct what its neighbours correct: the joined model
-// would have every correction twice. So each corrects its own share only. With the initial model's
-// image I and the photograph P, block k is trained towards
+// Blocks are trained independently and then merged. If each of them matched the photographs
+// everywhere, each would also correct the errors that its neighbours correct, and the merged model
+// would contain corrections twice. Therefore each block corrects only its own share. With the
+// initial model's image I and the photograph P, block k is trained towards
 //   I + w_k (P - I),   w_k = sum over its own hits of T alpha / sum over all hits of T alpha.
 // The w_k of all blocks add up to 1, so to first order the corrections add up to P - I. Where no
 // primitive is hit w_k is 1: what appears there is new.

@@ -3,7 +3,7 @@
 #pragma once
 
 // Which ranks receive the projected records of a view. A function of the records, the rays and the
-// cut of the cells: it exchanges nothing.
+// cut of the cells, without communication.
 
 #include "cluster/shards.h"
 #include "trace/tracer.h"
@@ -21,7 +21,7 @@ typedef struct sgsi_shard_routes {
 sgs_status sgsi_shard_routes_create(int ranks, sgsi_shard_routes *routes);
 void sgsi_shard_routes_free(sgsi_shard_routes *routes); // accepts a zeroed one
 
-// Lists, for each rank, the rows of [0, rows) that its cells may meet: routes->lists. projected
+// Lists, for each rank, the rows of [0, rows) that may overlap its cells: routes->lists. projected
 // and bounds are those of sgsi_tracer_project for `view`; cut [ranks + 1] as in cluster/cut.h. A
 // superset: a row in no list of a rank has no hit in its cells. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_shard_routes_find(sgsi_shard_routes *routes, const sgsi_view *view,

@@ -29,7 +29,7 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     return status;
 }
 
-// False for views that are only drawn.
+// False for views that are only rendered.
 static bool are_trained(const sgsi_train_views *views)
 {
     return views->options != NULL;

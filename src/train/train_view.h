@@ -4,8 +4,8 @@
 
 // The stages of an iteration for one training view: photograph, rays, BVH, image, loss with its
 // gradient image, gradient sums per primitive. One function per stage, called in the order below.
-// Independent of trainer, optimiser and density control. Views that are only drawn end after the
-// image.
+// Independent of trainer, optimiser and density control. For views that are only rendered, the
+// stages end with the image.
 
 #include "density/schedule.h"
 #include "loss/exposure.h"
@@ -25,7 +25,7 @@ typedef struct sgsi_small_images {
 // All training views of a scene, and the workspace to render one of them.
 typedef struct sgsi_train_views {
     const sgs_scene *scene;
-    const sgs_train_options *options; // NULL if the views are only drawn
+    const sgs_train_options *options; // NULL if the views are only rendered
     sgs_render_options render;        // its filter_3d and sh_degree are those of the view
     size_t count;
     size_t *scene_views;  // [count] indices into scene->views
@@ -81,7 +81,7 @@ typedef struct sgsi_train_view {
     sgsi_loss_output loss;
 } sgsi_train_view;
 
-// What the messages of a view are for: `training` unless it is scored or only drawn.
+// Purpose of the messages of a view: `training` unless it is scored or only rendered.
 static inline sgs_ranks_purpose sgsi_train_view_purpose(const sgsi_train_view *view,
                                                         sgs_ranks_purpose training)
 {
@@ -96,7 +96,7 @@ static inline sgs_ranks_purpose sgsi_train_view_purpose(const sgsi_train_view *v
 sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
                                    sgsi_train_views *views);
 void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
-// Views to draw: all views of the scene, without photographs, loss and gradients. Fails as above.
+// Views to render: all views of the scene, without photographs, loss and gradients. Fails as above.
 sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_options *render,
                                    sgsi_train_views *views);
 

@@ -203,8 +203,9 @@ static void prefetch_views(const sgs_trainer *trainer)
         sgs_scene_prefetch(trainer->scene, trainer->views.scene_views[trainer->order[i]]);
 }
 
-// Iterations per additional SH band. The primitives outside of a region are trained: they need all
-// their bands. A region without any has the same schedule, so that blocks of a scene train alike.
+// Iterations per additional SH band. Runs with a region use all bands at once, because the
+// primitives outside are already trained. A region without such primitives has the same schedule,
+// so that all blocks of a scene are trained in the same way.
 static int sh_interval(const sgs_trainer *trainer)
 {
     return sgs_box_is_infinite(&trainer->options.region) ? trainer->schedule.sh_interval : 0;
@@ -514,7 +515,7 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     status = step(trainer, info);
     if (!status)
         return SGS_STATUS_OK;
-    // All ranks refuse an update alike, unless one of them failed.
+    // All ranks refuse the same update, unless one of them failed.
     const sgs_status own = trainer->update_refused ? SGS_STATUS_OK : status;
     const sgs_status failed = sgs_ranks_agree(trainer->views.ranks, own);
     return failed ? failed : status;

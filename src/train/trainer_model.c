@@ -18,8 +18,8 @@
 #include "train/initial_selection.h"
 #include "train/trainer_state.h"
 
-// In few points there is room between the cameras and the objects. Many points close to a camera
-// explain its image by themselves (tools/manual/schedules.md).
+// Few points leave the space between the cameras and the objects empty. With many points, those
+// close to a camera fit its image alone (tools/manual/schedules.md).
 enum { PUBLISHED_POINTS = 100000, FEW_POINTS = 10000 };
 
 size_t sgs_train_random_points(const sgs_scene *scene, const sgs_train_options *options)

@@ -3,7 +3,7 @@
 #pragma once
 
 // Primitives and gradients of one view on several ranks, each of which owns some rows of the model
-// (base/row_groups.h): owners send the projected records to the ranks whose cells they may meet,
+// (base/row_groups.h): owners send the projected records to the ranks whose cells they may overlap,
 // and receive the gradient sums of these cells. All functions are collective.
 
 #include "train/train_view.h"
@@ -13,8 +13,8 @@
 sgs_status sgsi_view_shards_create(sgsi_train_views *views);
 void sgsi_view_shards_free(sgsi_train_views *views);
 
-// After the projection by views->rows and the cut: the records that may meet the cells of this rank
-// become the primitives of views->tracer, with a new BVH. cut [ranks + 1] as in cluster/cut.h.
+// After the projection by views->rows and the cut: the records that may overlap the cells of this
+// rank become the primitives of views->tracer, with a new BVH. cut [ranks + 1] as in cluster/cut.h.
 sgs_status sgsi_view_shards_send(sgsi_train_views *views, const sgsi_train_view *view,
                                  const size_t *cut);
 // For scores: the projected means, own [rows][2], of those primitives. *centers is valid until the

@@ -135,7 +135,7 @@ int model_output_format(const char *path, sgs_model_format *format)
     return -1;
 }
 
-// name: of the format, which has no mark.
+// name: of the format, which cannot record the colours.
 static void warn_about_colors(const char *path, const char *name, const sgs_model_colors *colors)
 {
     char white[64] = "";

@@ -12,24 +12,25 @@ typedef struct opened_model {
     model_path located;
     sgs_gaussians *gaussians;
     sgs_model_info info;
-    bool antialiased; // by its mark, or because its run used --filter mip
+    bool antialiased; // as recorded in the file, or because its run used --filter mip
 } opened_model;
 
 // Locates and reads a model; options may be NULL. False after printing the error.
 bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened);
 void opened_model_free(opened_model *opened);
 
-// Reads a located model. A mark in the file selects --filter mip, unless the command line or the
-// run's config selected a filter. Where nothing selected a near limit, the size of the model does.
-// drawing may be NULL. False after printing the error.
+// Reads a located model. A file that is marked as antialiased selects --filter mip, unless the
+// command line or the run's config selects a filter. If neither selects a near limit, it follows
+// from the size of the model. drawing may be NULL. False after printing the error.
 bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians);
 
 // Medians of the coordinates of the primitives, and the widest range from the 10 % to the 90 %
 // quantile, or 1 where that is 0. Of 10 000 evenly chosen primitives at most.
 void model_measure(const sgs_gaussians *model, double center[3], double *range);
 
-// scene_resolve for the scene of a MODEL. Without a run's config, space and white point come from
-// the marks of the file, and without an option the test views that the data set names are held out.
+// scene_resolve for the scene of a MODEL. Without a run's config, colour space and white point are
+// those that the file records, and without an option the test views that the data set names are
+// held out.
 int model_scene_resolve(scene_values *values, const command_line *line, const model_path *located);
 
 // Warns if the file records another space than that of a training that starts from it.
@@ -42,11 +43,11 @@ sgs_model_colors model_colors(sgs_space space, double white_point);
 // The options to write a model that is rendered so.
 sgs_model_write_options model_write_options(const drawing_values *drawing);
 
-// The format that the name of an output requests. Returns -1 to continue, or EXIT_USAGE after
+// The format that the name of an output selects. Returns -1 to continue, or EXIT_USAGE after
 // printing the error: an unknown format, or a page that only shows a model.
 int model_output_format(const char *path, sgs_model_format *format);
 
-// Warns if the format has no mark for what the options say about the model. path: the file.
+// Warns if the format cannot record what the options say about the model. path: the file.
 void model_warn_unmarked(const char *path, sgs_model_format format,
                          const sgs_model_write_options *options);
 

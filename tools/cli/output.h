@@ -54,7 +54,7 @@ void reported_files_list(void);
 void reported_files_set(const char *name, json_t *value);
 // Flushes stdout. False after printing the error if anything could not be written.
 bool stdout_is_whole(void);
-// Adds a sentence to that error: which result is complete without stdout.
+// Adds to that error which result is complete without stdout.
 void stdout_set_complete(const char *what);
 // Sets a member to a path, as printf; null if that is not UTF-8.
 void json_set_path(json_t *object, const char *name, const char *format, ...)

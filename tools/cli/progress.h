@@ -19,8 +19,8 @@ const char *last_error_text(void);
 // For an error that was printed by other means.
 void last_error_set(const char *text);
 
-// While held, errors are not printed and only kept for last_error_text(), which begins empty: for a
-// part of a command whose failure is a warning.
+// While held, errors are not printed but kept for last_error_text(), which is empty at first: for a
+// part of a command whose failure is only a warning.
 void errors_hold(bool hold);
 
 // Number of warnings so far, and the k-th one (only the first 100 are kept).

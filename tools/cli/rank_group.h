@@ -24,7 +24,7 @@ enum {
     GROUP_HANG_UP = 64    // SIGHUP
 };
 
-// What this process prints goes nowhere, if it is a rank other than 0. Call it first.
+// Discards the output of this process if it is a rank other than 0. Call it first.
 void group_silence(void);
 // For a rank other than 0 that ends with an error before it has joined the others: waits a moment,
 // since the launcher ends the job with the first one, and the message of rank 0 would be lost. Then
@@ -48,7 +48,7 @@ int group_count(void);  // 1 without ranks
 
 // Collective: true if all ranks pass true. Rank 0 prints the error of a rank that passes false: the
 // last one that this rank has passed to fail_run() or fail_library(). Rank 0 prints its own error
-// itself. A signal to this rank travels along, see group_stop_requested.
+// itself. A signal to this rank is sent with the call, see group_stop_requested.
 bool group_all(bool own);
 
 // Whether the options in "a|b|c", which decide on collective calls, are those of rank 0. Otherwise

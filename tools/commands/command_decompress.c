@@ -33,8 +33,8 @@ static const option decompress_options[] = {
      .help = "file to write, in the format of its name"},
 };
 
-// Writes the model in the format of the name, with the marks of the compressed file. False after
-// printing the error or after a signal.
+// Writes the model in the format of the name, with what the compressed file records about it. False
+// after printing the error or after a signal.
 static bool write_model(const char *path, sgs_model_format format, const sgs_gaussians *model,
                         const sgs_compress_info *info)
 {

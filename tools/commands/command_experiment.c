@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs experiment`: runs the trainings of a plan one after the other, each in its own process.
+// `sparegs experiment`: trains the runs of a plan one after the other, each in its own process.
 // A run with a summary is not repeated; an interrupted one resumes from its checkpoint.
 
 #include <stdlib.h>
@@ -382,7 +382,8 @@ static void drop_checkpoint(const experiment_run *run)
 }
 
 // Locks a run against other experiments with the same plan, such as the jobs of an array. False if
-// one of them works on it. Where nothing can be locked, the lock of the training remains.
+// one of them works on it. If the file system has no locks, only the lock of the training protects
+// the run.
 static bool lock_run(const experiment_run *run, int *lock)
 {
     char *path = format_text("%s/.experiment", run->folder);

@@ -118,7 +118,7 @@ static bool is_photo(const char *name)
     return has_ending(name, endings) && !is_mask;
 }
 
-// Other formats of photographs: COLMAP 3.8 does not read them, or not as they are developed.
+// Other formats of photographs: COLMAP 3.8 cannot read them, or reads raw files undeveloped.
 static bool is_unread(const char *name)
 {
     static const char *const endings[] = {"heic", "heif", "avif", "dng", "nef", "cr2", "cr3",
@@ -439,8 +439,8 @@ static char *largest_model(const reconstruction *run, unsigned long long *regist
     return best;
 }
 
-// Copies a model to SCENE/sparse/0, if it is not there. state.json knows both models meanwhile, so
-// that a killed process leaves one that is known. False after printing the error.
+// Copies a model to SCENE/sparse/0, if it is not there. state.json lists both models meanwhile, so
+// that a killed process always leaves a listed one. False after printing the error.
 static bool keep_model(reconstruction *run, const char *model)
 {
     const char *scene = run->values->output;

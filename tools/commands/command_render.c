@@ -348,8 +348,8 @@ static bool find_regions(const char *model_name, int iteration, const sgs_gaussi
     return true;
 }
 
-// What the ranks have drawn, as {"drawn": n, "draw": seconds, "write": seconds, "files": [paths]}
-// of each: rank i % R has drawn view i, in order.
+// What the ranks have rendered, as {"drawn": n, "draw": seconds, "write": seconds, "files":
+// [paths]} of each: rank i % R has drawn view i, in order.
 static void merge_drawn(const json_t *all, size_t views, bool filmed, json_t *before,
                         view_drawer *sum)
 {

@@ -97,7 +97,8 @@ static int export_page(const char *path, const view_source *source)
     return EXIT_DONE;
 }
 
-// The options of `convert` for the marks of a crop, which are those of the drawing; free().
+// The options of `convert` that give a crop the filter and colour space of the rendered model;
+// free().
 static char *convert_marks(const command_line *line, const drawing_values *drawing)
 {
     const sgs_model_colors colors = model_colors(drawing->space, drawing->white_point);

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The quantities of --aov: their words and bits, and one row per quantity with its planes of a
-// frame, its channels in an EXR and its PNG.
+// The AOVs of --aov: their words and bits, and one row per AOV with its planes of a frame, its
+// channels in an EXR and its PNG.
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -23,7 +23,8 @@ static const sgs_ranks_purpose calls[] = {SGS_RANKS_RECORDS, SGS_RANKS_IMAGE, SG
 enum { CALLS = sizeof calls / sizeof *calls };
 
 // An iteration on several such machines: each traces its cells with a BVH over its records, which
-// it builds instead of refitting one; the serial part remains; communication is not overlapped.
+// it builds instead of refitting one. The serial part remains, and communication does not overlap
+// with computation.
 static double speedup(const sgs_rank_prediction *p, const rank_machine *machine,
                       const network *link)
 {

@@ -11,7 +11,7 @@
 #include "cli/progress.h"
 
 // Common to both scripts. Slurm sends SIGTERM to the shell 300 s before the limit (B: the shell
-// only). sparegs saves its state and exits with 143, and the job is put back into the queue.
+// only). sparegs saves its state and exits with 143, and the job is requeued.
 static const char body[] =
     "set -u\n"
     "scene=%s\n"

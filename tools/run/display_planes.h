@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Photographs and renders as they are displayed, and compared by `eval`: composited over the
-// background, display-encoded, 8 bits.
+// Photographs and renders as displayed, and as compared by `eval`: composited over the background,
+// display-encoded, 8 bits.
 
 #include "sparegs/scene.h"
 

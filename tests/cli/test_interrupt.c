@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Requests to stop that arrive several times: from a batch system, its launcher and other processes
-// of the run. Each case is a process of its own, because a second request may end it.
+// of the run. Each case runs in its own process, because a second request may end it.
 
 #include <setjmp.h>
 #include <signal.h>

@@ -109,7 +109,7 @@ static void compression_does_not_depend_on_threads(void **state)
     temp_folder_remove(&folder);
 }
 
-// Models of 1 and 17 primitives and of every degree of the harmonics.
+// Models of 1 and 17 primitives and of every SH degree.
 static void small_models_and_all_degrees_work(void **state)
 {
     (void)state;

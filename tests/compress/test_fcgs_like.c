@@ -141,7 +141,7 @@ static void keep_warning(void *user, const char *message)
     snprintf(warning, sizeof warning, "%s", message);
 }
 
-// One far primitive decides the size of the cells; methods with cells say so.
+// A single distant primitive determines the size of the cells; methods with cells warn about it.
 static void large_cells_cause_a_warning(void **state)
 {
     (void)state;

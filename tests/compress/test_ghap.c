@@ -57,7 +57,8 @@ static sgs_gaussians *reduced(const sgs_gaussians *model, double keep)
     return decoded;
 }
 
-// Two far clusters of identical Gaussians and two components: mean and covariance of each cluster.
+// Two distant clusters of identical Gaussians and two components: mean and covariance of each
+// cluster.
 static void a_cluster_becomes_its_weighted_mean(void **state)
 {
     (void)state;

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // LightGaussian: the nearest code against a search in double precision, which values are exact, and
-// the error of quantised harmonics.
+// the error of quantised SH coefficients.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -87,7 +87,7 @@ static sgs_gaussians *through(const sgs_gaussians *model, const sgs_compress_opt
     return decoded;
 }
 
-// Eight different harmonics and a codebook with room for all of them.
+// Eight different SH vectors and a codebook with room for all of them.
 static void quantised_rows_are_close_and_others_exact(void **state)
 {
     (void)state;
@@ -120,7 +120,7 @@ static void quantised_rows_are_close_and_others_exact(void **state)
         exact += equal == SH;
     }
     assert_int_equal(exact, COUNT - (size_t)(0.6 * COUNT));
-    // Codes follow the sizes of the batches, as released: they do not come to rest.
+    // Codes follow the sizes of the batches, as released: they do not converge.
     assert_true(error <= 0.01 * power);
     print_message("relative error %.2g\n", sqrt(error / power));
     sgs_gaussians_destroy(decoded);

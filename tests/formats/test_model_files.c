@@ -216,7 +216,7 @@ static void names_and_contents_select_formats(void **state)
                          SGS_STATUS_OK);
         assert_int_equal(info.format, format);
         sgs_gaussians_destroy(back);
-        // So is one with the name of a format that has no mark, unless it is gzip data.
+        // So is one with the name of a format that has no signature, unless it is gzip data.
         assert_int_equal(rename(temp_path(&folder, "model.bin"), temp_path(&folder, "model.splat")),
                          0);
         assert_true(sgs_model_format_detect(temp_path(&folder, "model.splat"), &found));
@@ -237,7 +237,7 @@ static void names_and_contents_select_formats(void **state)
     temp_folder_remove(&folder);
 }
 
-// Half twins, a z-up layer, comments, strings and other prims.
+// Half-precision variants, a z-up layer, comments, strings and other prims.
 static void usda_is_read(void **state)
 {
     (void)state;
@@ -433,7 +433,7 @@ static void colors_are_recorded(void **state)
 {
     (void)state;
     static const struct {
-        const char *name, *words[2]; // by sgs_space; NULL: no mark
+        const char *name, *words[2]; // by sgs_space; NULL: not recorded
         const char *white;
     } cases[] = {
         {"a.ply",

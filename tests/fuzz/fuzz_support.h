@@ -70,7 +70,7 @@ static inline const char *fuzz_file(const char *name, const void *data, size_t s
     return path;
 }
 
-// Asserts that an error is one sentence that names the file.
+// Asserts that an error is one line that names the file.
 static inline void fuzz_check_refusal(const char *path)
 {
     FUZZ_REQUIRE(strstr(sgs_last_error(), path) && !strchr(sgs_last_error(), '\n'));

@@ -42,8 +42,8 @@ static void scenes_are_determined_by_name_and_seed(void **state)
     sgs_bench_scene_destroy(NULL);
 }
 
-// The middle ray of the middle view meets primitives of a large image as of a small one: their
-// sizes follow the pixels.
+// The middle ray of the middle view hits as many primitives in a large image as in a small one:
+// their sizes follow the pixels.
 static void large_images_have_smaller_primitives(void **state)
 {
     (void)state;

@@ -88,7 +88,7 @@ static inline void file_put(const char *path, const void *bytes, size_t size)
     assert_int_equal(fclose(stream), 0);
 }
 
-// Creates a file that nobody can open, not even root: a socket.
+// Creates a file that cannot be opened, not even by root: a socket.
 static inline void file_put_unreadable(const char *in, const char *name)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};

@@ -34,7 +34,7 @@ static int unload(void **state)
     return 0;
 }
 
-// Three views whose left half is transparent, over colours that nobody sees: black, or noise.
+// Three views whose left half is transparent, over invisible colours: black, or noise.
 static sgs_scene *cut_out(bool noise)
 {
     enum { VIEWS = 3 };

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Uses the installed library from C: creates a model, draws it, fails on purpose and reads the
-// sentence.
+// Uses the installed library from C: creates a model, renders it, fails on purpose and reads the
+// message.
 
 #include <stdio.h>
 #include <string.h>

@@ -42,8 +42,7 @@ static void scenes_are_determined_by_name_and_seed(void **state)
     sgs_bench_scene_destroy(NULL);
 }
 
-// The middle ray of the middle view hits as many primitives in a large image as in a small one:
-// their sizes follow the pixels.
+// The sizes of the primitives follow the pixels: a scene for larger images has smaller primitives.
 static void large_images_have_smaller_primitives(void **state)
 {
     (void)state;

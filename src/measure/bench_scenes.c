@@ -26,14 +26,14 @@ typedef struct recipe {
 } recipe;
 
 static const recipe recipes[] = {
-    {"sparse-32k", "32 thousand primitives, typical of a short training at low resolution", 32768,
+    {"sparse-32k", "32 thousand primitives, typical of a short training run at low resolution", 32768,
      6.0, 800, 608, false},
-    {"dense-500k", "500 thousand primitives, typical of a full training", 500000, 1.75, 800, 608,
+    {"dense-500k", "500 thousand primitives, typical of a full training run", 500000, 1.75, 800, 608,
      false},
     {"dense-2m",
      "2 million primitives, mostly hidden: about 300 hits per ray without early termination",
      2000000, 1.38, 800, 608, false},
-    {"dense-1m-1.3mp", "1 million primitives and 1.3 megapixels, a full training at full size",
+    {"dense-1m-1.3mp", "1 million primitives and 1.3 megapixels, a full training run at full size",
      1000000, 2.0, 1312, 992, true},
     {"dense-1m-8mp", "1 million primitives and 8 megapixels", 1000000, 5.0, 3232, 2464, true},
     {"dense-2m-8mp", "2 million primitives and 8 megapixels", 2000000, 3.5, 3232, 2464, true},

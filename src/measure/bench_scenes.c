@@ -26,10 +26,10 @@ typedef struct recipe {
 } recipe;
 
 static const recipe recipes[] = {
-    {"sparse-32k", "32 thousand primitives, typical of a short training run at low resolution", 32768,
-     6.0, 800, 608, false},
-    {"dense-500k", "500 thousand primitives, typical of a full training run", 500000, 1.75, 800, 608,
-     false},
+    {"sparse-32k", "32 thousand primitives, typical of a short training run at low resolution",
+     32768, 6.0, 800, 608, false},
+    {"dense-500k", "500 thousand primitives, typical of a full training run", 500000, 1.75, 800,
+     608, false},
     {"dense-2m",
      "2 million primitives, mostly hidden: about 300 hits per ray without early termination",
      2000000, 1.38, 800, 608, false},

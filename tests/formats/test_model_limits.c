@@ -514,7 +514,7 @@ static void coarse_positions_of_spz_cause_a_warning(void **state)
         float far;
         const char *warning;                                    // NULL: none
     } cases[] = {{8191, NULL},                                  // steps of 1/1024 units
-                 {65535, "0.00781 units for all positions"},    // 3 of 200 are smaller
+                 {65535, "all positions 0.00781 units"},        // 3 of 200 are smaller
                  {524287, "more than the size of 200 of 200"}}; // 1/16
     for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c) {
         *sgs_gaussians_at(model, 100, SGS_PARAM_MEAN) = cases[c].far;

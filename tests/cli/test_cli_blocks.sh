@@ -18,7 +18,7 @@ json "$dir/blocks.json" '[.blocks[] | .low + .high | map(select(. == null)) | le
 check scripts_are_valid bash -n "$dir/blocks.sh" "$dir/coarse.sh"
 check the_array_has_a_task_per_block grep -qx '#SBATCH --array=0-2' "$dir/blocks.sh"
 run 1 split "$room" -o "$dir"
-reports "blocks/blocks.json: exists already, and trained blocks depend on it; choose another folder"
+reports "blocks/blocks.json: already exists, and trained blocks depend on it; choose another folder"
 run 0 split "$room" -o "$temporary/json" --blocks 2 --json
 json "$temporary/stdout" '(.blocks | length) == 2 and (.files | length) == 3 and (.blocks[0].views | type) == "number"'
 cd "$SPAREGS_SOURCE/tests/data"

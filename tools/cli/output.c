@@ -19,6 +19,7 @@
 #include "cli/json_file.h"
 #include "cli/json_result.h"
 #include "cli/progress.h"
+#include "cli/recorded_options.h"
 #include "sparegs/model_file.h"
 #include "sparegs/run.h"
 
@@ -430,6 +431,8 @@ static void read_run_config(char *run, model_path *located)
             char *fault = json_load_fault(config, &error);
             print_warning("%s; its options are ignored", fault);
             free(fault);
+        } else {
+            recorded_options_check(located->config, config);
         }
     }
     free(config);

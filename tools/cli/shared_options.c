@@ -188,6 +188,8 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     if (splits > 1)
         return fail_usage(
             "--eval, --test-every and --test-images are mutually exclusive; choose one");
+    if (values->test_images && !values->test_images[strspn(values->test_images, ",")])
+        return fail_usage("--test-images: '%s' contains no name", values->test_images);
     if (values->masks && !strcmp(values->masks, "none") && option_given(line, "invert-masks"))
         return refuse_idle(line, "invert-masks", "with --masks none");
     if (values->eval)

@@ -8,6 +8,7 @@
 #include <jansson.h>
 
 #include "cli/options.h"
+#include "cli/recorded_options.h"
 #include "sparegs/render.h"
 #include "sparegs/scene.h"
 
@@ -40,12 +41,6 @@ option_group scene_group(scene_values *values);
 // not given on the command line take the recorded values. The strings stay owned by argv and
 // config. Returns -1 to continue, or an exit status.
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config);
-// The words of --alpha, in the order of sgs_alpha.
-#define ALPHA_WORDS "over|mask|ignore"
-// The words of --train-space, in the order of sgs_space.
-#define SPACE_WORDS "srgb|linear"
-// The words of --filter, in the order of sgs_filter.
-#define FILTER_WORDS "3dgs|none|mip"
 // The rows of --lpips and --lpips-input for a struct with the members `lpips` (const char *) and
 // `lpips_input` (int, sgs_lpips_input).
 #define LPIPS_OPTIONS(values)                                                                      \

@@ -256,6 +256,23 @@ static char *temporary_name(const char *path)
     return sgsi_format("%s.tmp.%ld%06u", path, (long)getpid(), number % 1000000);
 }
 
+// The file that an output to `path` replaces: where `path` is a symbolic link, the file it points
+// to.
+static sgs_status find_target(const char *path, char **target)
+{
+    struct stat info;
+    const bool is_link = !lstat(path, &info) && S_ISLNK(info.st_mode);
+    char *real = is_link ? realpath(path, NULL) : NULL;
+    if (is_link && !real)
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: is a symbolic link that cannot be followed: %s; remove it or choose "
+                         "another name",
+                         path, strerror(errno));
+    *target = sgsi_strdup(is_link ? real : path);
+    free(real);
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
 {
     struct stat info;
@@ -265,7 +282,11 @@ sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
                          "%s: is a device or a pipe, which the file would replace; choose the name "
                          "of a file",
                          path);
-    *file = (sgsi_atomic_file){.path = sgsi_strdup(path), .temporary = temporary_name(path)};
+    const sgs_status status = find_target(path, &file->target);
+    if (status)
+        return status;
+    file->path = sgsi_strdup(path);
+    file->temporary = file->target ? temporary_name(file->target) : NULL;
     if (!file->path || !file->temporary) {
         sgsi_atomic_abort(file);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
@@ -297,17 +318,29 @@ static void sync_folder_of(const char *path)
     sgsi_folder_sync(folder);
 }
 
+// Why an earlier write to the temporary file failed: errno of a further one, 0 if that succeeds.
+static int write_fault(FILE *stream)
+{
+    static const char block[4096];
+    errno = 0;
+    for (int k = 0; k < 2; ++k) // the first one may fill the last block of a full disk
+        if (write(fileno(stream), block, sizeof block) < 0)
+            return errno;
+    return 0;
+}
+
 sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
 {
     errno = 0;
     const bool written =
         !fflush(file->stream) && !ferror(file->stream) && !fsync(fileno(file->stream));
-    int code = errno;
+    int code = written || errno ? errno : write_fault(file->stream);
     const bool closed = !fclose(file->stream);
     file->stream = NULL;
-    if (written && closed && !rename(file->temporary, file->path)) {
-        sync_folder_of(file->path);
+    if (written && closed && !rename(file->temporary, file->target)) {
+        sync_folder_of(file->target);
         sgsi_free(file->path);
+        sgsi_free(file->target);
         sgsi_free(file->temporary);
         *file = (sgsi_atomic_file){0};
         return SGS_STATUS_OK;
@@ -327,6 +360,7 @@ void sgsi_atomic_abort(sgsi_atomic_file *file)
     if (file->temporary)
         unlink(file->temporary);
     sgsi_free(file->path);
+    sgsi_free(file->target);
     sgsi_free(file->temporary);
     *file = (sgsi_atomic_file){0};
 }

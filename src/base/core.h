@@ -81,10 +81,11 @@ size_t sgsi_byte_order_mark(const uint8_t *text);
 
 // Writes a file atomically: "PATH.tmp.NUMBER" is written, flushed, synced and then renamed to PATH.
 // NUMBER consists of the process id and six digits that count the files of the process. Threads may
-// write the same path at the same time: the last commit wins.
+// write the same path at the same time: the last commit wins. Where PATH is a symbolic link, this
+// happens to the file it points to; a link that leads nowhere is refused.
 typedef struct sgsi_atomic_file {
     FILE *stream;
-    char *path, *temporary;
+    char *path, *target, *temporary; // target: path, or where the link leads
 } sgsi_atomic_file;
 
 // Fails with IO (also for a device or a pipe, which the file would replace) or OUT_OF_MEMORY; the

@@ -10,6 +10,7 @@
 #include <stdint.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -47,6 +48,25 @@ static void two_open_writes_of_a_file_are_separate(void **state)
     assert_content(path, "the longer text");
     assert_int_equal(sgsi_atomic_commit(&second), SGS_STATUS_OK);
     assert_content(path, "short");
+    assert_int_equal(temp_folder_count(&folder), 1);
+    temp_folder_remove(&folder);
+}
+
+static void a_symbolic_link_is_followed(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "target"), *link = temp_path(&folder, "link");
+    struct stat info;
+    assert_int_equal(sgsi_file_write(path, (const uint8_t *)"old", 3), SGS_STATUS_OK);
+    assert_int_equal(symlink("target", link), 0);
+    assert_int_equal(sgsi_file_write(link, (const uint8_t *)"new", 3), SGS_STATUS_OK);
+    assert_content(path, "new");
+    assert_int_equal(lstat(link, &info), 0);
+    assert_true(S_ISLNK(info.st_mode));
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(sgsi_file_write(link, (const uint8_t *)"new", 3), SGS_STATUS_IO);
+    assert_non_null(strstr(sgs_last_error(), "link: is a symbolic link that cannot be followed"));
     assert_int_equal(temp_folder_count(&folder), 1);
     temp_folder_remove(&folder);
 }
@@ -142,6 +162,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(two_open_writes_of_a_file_are_separate),
+        cmocka_unit_test(a_symbolic_link_is_followed),
         cmocka_unit_test(a_device_or_a_pipe_is_not_replaced),
         cmocka_unit_test(threads_that_write_one_file_leave_a_whole_one),
         cmocka_unit_test(folders_are_made_with_their_parents),

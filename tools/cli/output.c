@@ -114,14 +114,29 @@ bool check_writable(const char *folder)
     return !code || fail_file(folder, "folder is not writable", code);
 }
 
+char *output_target(const char *path)
+{
+    struct stat info;
+    if (lstat(path, &info) || !S_ISLNK(info.st_mode))
+        return format_text("%s", path);
+    char *target = realpath(path, NULL);
+    if (!target)
+        fail_run("%s: is a symbolic link that cannot be followed: %s; remove it or choose another "
+                 "name",
+                 path, strerror(errno));
+    return target;
+}
+
 bool check_output(const char *path)
 {
     struct stat info = {0};
     if (!stat(path, &info) && S_ISDIR(info.st_mode))
         return fail_file(path, "cannot be written", EISDIR);
-    if (!check_replaceable(path))
+    char *target = check_replaceable(path) ? output_target(path) : NULL;
+    if (!target)
         return false;
-    char *folder = format_text("%s%s", *path == '/' ? "" : "./", path);
+    char *folder = format_text("%s%s", *target == '/' ? "" : "./", target);
+    free(target);
     do { // the nearest folder that exists
         char *slash = strrchr(folder, '/');
         slash[slash == folder] = 0;
@@ -156,9 +171,10 @@ int free_number(const char *folder, const char *stem, const char *ending)
 
 bool write_text(const char *path, const char *text)
 {
-    if (!check_replaceable(path))
+    char *target = check_replaceable(path) ? output_target(path) : NULL;
+    if (!target)
         return false;
-    char *temporary = format_text("%s.tmp.%ld", path, (long)getpid());
+    char *temporary = format_text("%s.tmp.%ld", target, (long)getpid());
     errno = 0;
     FILE *stream = fopen(temporary, "wb");
     bool written = stream && fputs(text, stream) >= 0 && !fflush(stream) && !fsync(fileno(stream));
@@ -167,13 +183,14 @@ bool write_text(const char *path, const char *text)
         code = errno;
         written = false;
     }
-    if (written && rename(temporary, path)) {
+    if (written && rename(temporary, target)) {
         code = errno;
         written = false;
     }
     if (!written && stream)
         unlink(temporary);
     free(temporary);
+    free(target);
     return written || fail_file(path, "cannot be written", code);
 }
 

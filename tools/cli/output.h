@@ -30,6 +30,9 @@ bool file_exists(const char *path);
 // printing the error.
 int free_number(const char *folder, const char *stem, const char *ending);
 
+// The file that an output to `path` replaces: where `path` is a symbolic link, the file it points
+// to. NULL after printing the error. Release with free().
+char *output_target(const char *path);
 // Writes a temporary file and renames it: the old file stays until the new one is complete.
 bool write_text(const char *path, const char *text);
 // Writes indented JSON with a final newline. Steals the reference to `root`.

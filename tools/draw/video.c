@@ -27,7 +27,7 @@
 #define EVEN_SIZE "pad=ceil(iw/2)*2:ceil(ih/2)*2"
 
 struct video {
-    char *path, *temporary;
+    char *path, *target, *temporary;
     int width, height;
     pid_t child;
     int pipe;
@@ -129,6 +129,7 @@ static void free_film(video *film)
         fclose(film->messages);
     free(film->frame);
     free(film->path);
+    free(film->target);
     free(film->temporary);
     free(film);
 }
@@ -137,12 +138,14 @@ video *video_open(const char *path, int width, int height, double fps)
 {
     video *film = calloc(1, sizeof *film);
     int ends[2];
-    if (!film || !make_folder_of(path)) {
+    char *target = film && make_folder_of(path) ? output_target(path) : NULL;
+    if (!target) {
         free(film);
         return NULL;
     }
     *film = (video){.path = format_text("%s", path),
-                    .temporary = temporary_path(path),
+                    .target = target,
+                    .temporary = temporary_path(target),
                     .width = width,
                     .height = height};
     film->frame = malloc(3 * (size_t)width * (size_t)height);
@@ -216,7 +219,7 @@ bool video_close(video *film, bool complete)
         return true;
     bool done = finish_child(film, complete);
     const bool kept = done && complete;
-    if (kept && rename(film->temporary, film->path)) {
+    if (kept && rename(film->temporary, film->target)) {
         fail_run("%s: cannot rename the temporary file: %s", film->path, strerror(errno));
         done = false;
     }

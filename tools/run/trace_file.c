@@ -20,20 +20,22 @@
 
 struct trace_file {
     FILE *stream;
-    char *path, *temporary;
+    char *path, *target, *temporary;
     double zero; // time of the first event
     bool any;
 };
 
 trace_file *trace_open(const char *path)
 {
-    if (!make_folder_of(path))
+    char *target = make_folder_of(path) ? output_target(path) : NULL;
+    trace_file *trace = target ? calloc(1, sizeof *trace) : NULL;
+    if (!trace) {
+        free(target);
         return NULL;
-    trace_file *trace = calloc(1, sizeof *trace);
-    if (!trace)
-        return NULL;
+    }
+    trace->target = target;
     trace->path = format_text("%s", path);
-    trace->temporary = format_text("%s.tmp.%ld", path, (long)getpid());
+    trace->temporary = format_text("%s.tmp.%ld", target, (long)getpid());
     trace->stream = fopen(trace->temporary, "w");
     if (!trace->stream) {
         fail_run("%s: %s; choose another file for --trace", trace->temporary, strerror(errno));
@@ -111,7 +113,7 @@ bool trace_close(trace_file *trace, bool keep)
         fputs("\n]}\n", trace->stream);
         written = !ferror(trace->stream) && !fflush(trace->stream) && !fsync(fileno(trace->stream));
         written = !fclose(trace->stream) && written && keep;
-        if (written && rename(trace->temporary, trace->path))
+        if (written && rename(trace->temporary, trace->target))
             written = false;
         if (keep && !written)
             fail_run("%s: %s; make room there or choose another file for --trace", trace->path,
@@ -120,6 +122,7 @@ bool trace_close(trace_file *trace, bool keep)
             unlink(trace->temporary);
     }
     free(trace->path);
+    free(trace->target);
     free(trace->temporary);
     free(trace);
     return written || !keep;

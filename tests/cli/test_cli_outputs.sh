@@ -358,6 +358,65 @@ reports "1 of 4 primitives are not finite and were dropped"
 run 0 train "$room" --downscale 16 --init "$temporary/opaque.ply" --iterations 3 --spare off -o "$temporary/opaque" --quiet
 json "$temporary/opaque/summary.json" '.gaussians == 3 and .skipped.gradients == 0'
 
+# an_output_that_is_a_link_replaces_the_file_that_it_points_to
+ply=$model/point_cloud/iteration_40/point_cloud.ply
+mkdir "$temporary/elsewhere"
+for name in m.ply scores.csv trace.json pack; do
+    echo earlier >"$temporary/elsewhere/$name"
+    ln -s "elsewhere/$name" "$temporary/$name"
+done
+run 0 convert "$ply" "$temporary/m.ply" --quiet
+check the_target_is_the_model cmp "$ply" "$temporary/elsewhere/m.ply"
+run 0 prune "$ply" "$room" --method refine --scores "$temporary/scores.csv" --downscale 16 --quiet
+check the_target_has_the_scores grep -q '^primitive,score' "$temporary/elsewhere/scores.csv"
+run 0 profile "$ply" "$room" --trace "$temporary/trace.json" --views 1 --repeat 1 --samples 0 --refits 0 --downscale 16 --quiet
+check the_target_is_the_trace jq -e .traceEvents "$temporary/elsewhere/trace.json"
+run 0 compress "$ply" -o "$temporary/pack" --method fcgs-like --quiet
+run 0 decompress "$temporary/elsewhere/pack" -o "$temporary/m.ply" --quiet
+for name in m.ply scores.csv trace.json pack; do
+    check the_link_remains test -L "$temporary/$name"
+done
+check no_other_file_remains test "$(ls -A "$temporary/elsewhere" | wc -l)" = 4
+ln -s nowhere.ply "$temporary/broken.ply"
+run 1 convert "$ply" "$temporary/broken.ply"
+one_line
+reports "broken.ply: is a symbolic link that cannot be followed: No such file or directory"
+
+# an_output_that_is_an_input_or_another_output_is_refused
+cp "$ply" "$temporary/own.ply"
+ln -s own.ply "$temporary/alias.ply"
+for output in "compress|--output|-o" "prune|--scores|--scores" "profile|--trace|--trace"; do
+    IFS='|' read -r command name option <<<"$output"
+    for path in own.ply alias.ply; do
+        run 2 "$command" "$temporary/own.ply" "$room" "$option" "$temporary/$path"
+        one_line
+        reports "$name: $temporary/$path is an input of this command; choose another file"
+    done
+done
+check the_model_is_intact cmp "$ply" "$temporary/own.ply"
+run 2 prune "$ply" "$room" --method refine --ratio 0.5 -o "$temporary/same.ply" --scores "$temporary/same.ply"
+reports "--scores and --output are both $temporary/same.ply; choose different files"
+run 2 report "$temporary" --html "$temporary/same" --markdown "$temporary/same"
+reports "--markdown and --html are both $temporary/same; choose different files"
+run 2 eval "$ply" "$room" --test-images ,
+reports "--test-images: ',' contains no name"
+run 2 convert "$ply" ""
+one_line
+reports "argument 2 must not be empty; usage: sparegs convert IN OUT"
+
+# damaged_options_of_a_run_are_reported
+cp -r "$model" "$temporary/damaged"
+for damage in '.options.downscale = "4"' '.options.filter = "gauss"' '.options.background = [0, 0]' \
+    '.options.invert_masks = 1' '.options.compact_box = 7' '.options.images = {}' '.near_distance = 1e300'; do
+    jq "$damage" "$model/config.json" >"$temporary/damaged/config.json"
+    run 0 render "$temporary/damaged" "$room" --view 0001.jpg --size 40x30 -o "$temporary/drawn" --quiet
+    name=${damage%% *}
+    reports "damaged/config.json: '${name##*.}' has an unknown value, which is ignored; correct it, or specify the option"
+done
+echo '{"options": []}' >"$temporary/damaged/config.json"
+run 0 render "$temporary/damaged" "$room" --view 0001.jpg --size 40x30 -o "$temporary/drawn" --quiet
+reports "damaged/config.json: contains no options of a run; the defaults are used"
+
 head -c 5000 "$model/point_cloud/iteration_40/point_cloud.ply" >"$temporary/cut.ply"
 run 1 info "$temporary/cut.ply"
 one_line

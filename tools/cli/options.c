@@ -15,6 +15,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <strings.h>
 
 #include "cli/json_result.h"
@@ -623,6 +624,53 @@ void warn_idle(const command_line *line, const char *names, const char *why)
             print_warning("--%s has no effect %s", name, why);
 }
 
+// True if both are the same name or the same existing file.
+static bool same_file(const char *a, const char *b)
+{
+    struct stat first, second;
+    return !strcmp(a, b) || (!stat(a, &first) && !stat(b, &second) && S_ISREG(first.st_mode) &&
+                             first.st_dev == second.st_dev && first.st_ino == second.st_ino);
+}
+
+static const char *path_of(const option_group *group, size_t i)
+{
+    const option *row = &group->options[i];
+    const bool is = (row->kind == OPTION_TEXT || row->kind == OPTION_FOLDER) &&
+                    (row->path != PATH_NONE || !strcmp(row->name, "output"));
+    return is && group->given >> i & 1 ? *(const char **)((char *)group->values + row->offset)
+                                       : NULL;
+}
+
+// Rejects an output at `path` that would replace an input, or another output.
+static int check_apart(const command_line *line, const option *output, const char *path)
+{
+    for (int k = 0; k < line->operand_count; ++k)
+        if (same_file(path, line->operands[k]))
+            return fail_usage("--%s: %s is an input of this command; choose another file",
+                              output->name, path);
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count; ++i) {
+            const option *row = &line->groups[g].options[i];
+            const char *other = row == output ? NULL : path_of(&line->groups[g], i);
+            if (other && same_file(path, other))
+                return fail_usage("--%s and --%s are both %s; choose different files", output->name,
+                                  row->name, path);
+        }
+    return -1;
+}
+
+static int check_outputs_apart(const command_line *line)
+{
+    int status = -1;
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count && status < 0; ++i) {
+            const option *row = &line->groups[g].options[i];
+            const char *path = row->path == PATH_OUTPUT ? path_of(&line->groups[g], i) : NULL;
+            status = path ? check_apart(line, row, path) : -1;
+        }
+    return status;
+}
+
 int command_line_parse(command_line *line, int argc, char **argv)
 {
     if (set_defaults(line) >= 0)
@@ -649,6 +697,9 @@ int command_line_parse(command_line *line, int argc, char **argv)
         } else if (line->operand_count == line->operand_maximum) {
             return fail_usage("unexpected argument '%s'; usage: sparegs %s %s", argv[i],
                               line->command, line->synopsis);
+        } else if (!*argv[i]) {
+            return fail_usage("argument %d must not be empty; usage: sparegs %s %s",
+                              line->operand_count + 1, line->command, line->synopsis);
         } else {
             trim_slashes(argv[i]);
             line->operands[line->operand_count++] = argv[i];
@@ -656,7 +707,8 @@ int command_line_parse(command_line *line, int argc, char **argv)
     }
     if (line->operand_count < line->operand_minimum)
         return fail_usage("missing argument; usage: sparegs %s %s", line->command, line->synopsis);
-    return check_needs(line);
+    const int status = check_needs(line);
+    return status < 0 ? check_outputs_apart(line) : status;
 }
 
 const option *find_option(const command_line *line, const char *name)

@@ -34,7 +34,7 @@ typedef enum option_kind {
 typedef enum option_path {
     PATH_NONE,   // no path, or a name inside the scene
     PATH_INPUT,  // a file or folder that exists
-    PATH_OUTPUT, // a file to write
+    PATH_OUTPUT, // a file to write; a usage error if it is an input, or another output
     PATH_BLOCK   // PATH:K, a file that exists and a number; a text without ':' is no path
 } option_path;
 

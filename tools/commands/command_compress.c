@@ -45,6 +45,7 @@ static const option compress_options[] = {
     {.name = "output",
      .letter = 'o',
      .kind = OPTION_TEXT,
+     .path = PATH_OUTPUT,
      .offset = offsetof(compress_values, output),
      .argument = "FILE",
      .shown = "required",

@@ -96,6 +96,7 @@ static const option profile_options[] = {
      .help = "rays per view traced by brute force"},
     {.name = "trace",
      .kind = OPTION_TEXT,
+     .path = PATH_OUTPUT,
      .offset = AT(trace),
      .argument = "FILE",
      .shown = "none",

@@ -57,6 +57,7 @@ static const option render_options[] = {
      .help = "output folder; required unless --video is given"},
     {.name = "video",
      .kind = OPTION_TEXT,
+     .path = PATH_OUTPUT,
      .offset = AT(film),
      .argument = "FILE.mp4",
      .shown = "none",

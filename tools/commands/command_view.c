@@ -52,6 +52,7 @@ static const option view_options_table[] = {
              "SPAREGS_TOKEN"},
     {.name = "export",
      .kind = OPTION_TEXT,
+     .path = PATH_OUTPUT,
      .offset = offsetof(view_values, export),
      .argument = "FILE.html",
      .shown = "serve",

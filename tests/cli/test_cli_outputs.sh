@@ -394,6 +394,12 @@ for output in "compress|--output|-o" "prune|--scores|--scores" "profile|--trace|
     done
 done
 check the_model_is_intact cmp "$ply" "$temporary/own.ply"
+cp "$ply" "$temporary/kept.ply"
+run 2 compress "$model" -o "$ply"
+reports "--output: $ply is an input of this command; choose another file"
+run 2 prune "$model" "$room" --method refine --ratio 0.5 -o "$ply"
+reports "--output: $ply is an input of this command; choose another file"
+check the_model_of_the_run_is_intact cmp "$ply" "$temporary/kept.ply"
 run 2 prune "$ply" "$room" --method refine --ratio 0.5 -o "$temporary/same.ply" --scores "$temporary/same.ply"
 reports "--scores and --output are both $temporary/same.ply; choose different files"
 run 2 report "$temporary" --html "$temporary/same" --markdown "$temporary/same"

@@ -445,7 +445,7 @@ static void print_help(const command_line *line)
         for (size_t i = 0; i < line->groups[g].count; ++i)
             print_option(&line->groups[g].options[i]);
     }
-    puts("  --help print this help and exit");
+    puts("  --help                      print this help and exit");
 }
 
 // ---- Parsing ----
@@ -624,12 +624,16 @@ void warn_idle(const command_line *line, const char *names, const char *why)
             print_warning("--%s has no effect %s", name, why);
 }
 
-// True if both are the same name or the same existing file.
-static bool same_file(const char *a, const char *b)
+bool same_file(const char *a, const char *b)
 {
     struct stat first, second;
     return !strcmp(a, b) || (!stat(a, &first) && !stat(b, &second) && S_ISREG(first.st_mode) &&
                              first.st_dev == second.st_dev && first.st_ino == second.st_ino);
+}
+
+int refuse_input(const char *name, const char *path)
+{
+    return fail_usage("--%s: %s is an input of this command; choose another file", name, path);
 }
 
 static const char *path_of(const option_group *group, size_t i)
@@ -646,8 +650,7 @@ static int check_apart(const command_line *line, const option *output, const cha
 {
     for (int k = 0; k < line->operand_count; ++k)
         if (same_file(path, line->operands[k]))
-            return fail_usage("--%s: %s is an input of this command; choose another file",
-                              output->name, path);
+            return refuse_input(output->name, path);
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i) {
             const option *row = &line->groups[g].options[i];

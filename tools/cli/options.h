@@ -104,6 +104,10 @@ bool option_given(const command_line *line, const char *name);
 // continue, or EXIT_USAGE.
 int refuse_idle(const command_line *line, const char *names, const char *why);
 void warn_idle(const command_line *line, const char *names, const char *why);
+// True if both are the same name or the same existing file.
+bool same_file(const char *a, const char *b);
+// Refuses the output --name, which would replace an input; returns EXIT_USAGE.
+int refuse_input(const char *name, const char *path);
 
 // The word that `text` abbreviates, else the nearest by edit distance if it is similar. NULL if
 // there is none.

@@ -457,9 +457,12 @@ int command_compress(int argc, char **argv)
                       values.output, sgs_model_format_name(format));
     interrupt_watch();
     model_path located;
-    status = model_locate(call.line.operands[0], &located)
-                 ? run_compress(&call, &values, &data, &drawing, &located)
-                 : EXIT_FAILED;
+    if (!model_locate(call.line.operands[0], &located))
+        status = EXIT_FAILED;
+    else if (same_file(values.output, located.ply_path))
+        status = refuse_input("output", values.output);
+    else
+        status = run_compress(&call, &values, &data, &drawing, &located);
     model_path_free(&located);
     return status;
 }

@@ -547,7 +547,9 @@ int command_prune(int argc, char **argv)
     interrupt_watch();
     p.model_name = call.line.operands[0];
     bool done = check_outputs(&p) && model_locate(p.model_name, &p.located);
-    if (done)
+    if (done && values.output && same_file(values.output, p.located.ply_path))
+        status = refuse_input("output", values.output);
+    else if (done)
         status = model_scene_resolve(&data, &call.line, &p.located);
     if (status < 0)
         done = done && open_scene(&p, &data) && prune(&p);

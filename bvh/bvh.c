@@ -281,9 +281,8 @@ sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_
     return SGS_STATUS_OK;
 }
 
-size_t sgsi_bvh_bytes(const sgsi_bvh *bvh)
+size_t sgsi_bvh_bytes(void)
 {
-    (void)bvh;
     const long long bytes = atomic_load(&device_bytes);
     return bytes > 0 ? (size_t)bytes : 0;
 }

@@ -70,8 +70,8 @@ typedef struct sgsi_gather_list {
 // OUT_OF_MEMORY.
 sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_gather_list *list);
 
-// Bytes that Embree has allocated for all trees, as reported to its memory monitor.
-size_t sgsi_bvh_bytes(const sgsi_bvh *bvh);
+// Bytes that Embree has allocated for all trees of the process, as reported to its memory monitor.
+size_t sgsi_bvh_bytes(void);
 
 // "Embree 3.13.5": the library as loaded. Constant string.
 const char *sgsi_bvh_version(void);

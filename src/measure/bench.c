@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "bvh/bvh.h"
 #include "sparegs/metrics.h"
 #include "train/rank_traffic.h"
 #include "train/trainer_state.h"
@@ -268,8 +269,7 @@ sgs_status sgs_bench_run(sgs_bench *bench, sgs_bench_sample *sample)
     counts->forward_l2_bytes = counts->evaluations * RECORD_BYTES;
     // Per block hit: a record read, sums read and written.
     counts->backward_l2_bytes = counts->block_hits * 3 * RECORD_BYTES;
-    const sgsi_bvh *bvh = sgsi_tracer_bvh(bench->trainer->views.tracer);
-    counts->build_bytes = counts->primitives * sizeof(sgsi_bounds) + (double)sgsi_bvh_bytes(bvh);
+    counts->build_bytes = counts->primitives * sizeof(sgsi_bounds) + (double)sgsi_bvh_bytes();
     return SGS_STATUS_OK;
 }
 

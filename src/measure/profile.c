@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bvh/bvh.h"
 #include "bvh/bvh_cost.h"
 #include "base/core.h"
 #include "rays/rays.h"
@@ -207,7 +208,7 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
     sgs_status status = make_tree(job, tracer, kind, tree);
     if (status)
         return status;
-    tree->bytes = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
+    tree->bytes = (double)sgsi_bvh_bytes();
     for (size_t t = 0; t < tiles; ++t)
         job->depth_bounds[t] = INFINITY;
     sgsi_tracer_watch_tiles(tracer, main_kind ? job->costs : NULL);
@@ -251,7 +252,7 @@ static sgs_status measure_kinds(profile_job *job)
     sgs_status status = sgsi_tracer_create(&tracer);
     if (status)
         return status;
-    const double before = (double)sgsi_bvh_bytes(sgsi_tracer_bvh(tracer));
+    const double before = (double)sgsi_bvh_bytes();
     status = measure_kind(job, tracer, SGS_PROFILE_LOW, false); // warms up memory and caches
     reset_times(job);
     for (int round = 1; round <= job->options.repeat; ++round)

@@ -693,8 +693,3 @@ const sgsi_tile_list *sgsi_tracer_lists(const sgsi_tracer *tracer)
 {
     return tracer->lists;
 }
-
-const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer)
-{
-    return tracer->bvh;
-}

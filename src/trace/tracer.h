@@ -141,7 +141,6 @@ sgsi_trace_seconds sgsi_tracer_seconds(const sgsi_tracer *tracer);
 sgsi_trace_counts sgsi_tracer_counts(const sgsi_tracer *tracer);
 // [tiles], of the last forward pass, if it kept its lists.
 const sgsi_tile_list *sgsi_tracer_lists(const sgsi_tracer *tracer);
-const sgsi_bvh *sgsi_tracer_bvh(const sgsi_tracer *tracer);
 
 // Makes room for `capacity` primitives in all arrays of a scratch. Growing discards the contents.
 // Both return false if out of memory; _grow allocates exactly `capacity`, without headroom.

@@ -5,6 +5,8 @@
 
 #include <math.h>
 
+#include "bvh/bvh.h"
+
 enum { WORD = 4, RECORD = SGSI_PROJECTED_FLOATS * WORD, PLANES = 4 }; // colour and transmittance
 
 // Blocks of 16 rows that the optimiser visits.
@@ -46,8 +48,7 @@ void sgsi_traffic_add(const sgsi_traffic *traffic, sgs_train_bytes *bytes)
     // All shapes and boxes; colours and records of the blocks in view.
     add.project = rows * (shape + sizeof(sgsi_bounds) + statistics) + stepped * (color + RECORD);
     // Each box read, each node read and written.
-    add.bvh =
-        rows * sizeof(sgsi_bounds) + 2.0 * (double)sgsi_bvh_bytes(sgsi_tracer_bvh(traffic->tracer));
+    add.bvh = rows * sizeof(sgsi_bounds) + 2.0 * (double)sgsi_bvh_bytes();
     // Each callback reads the record; a second one in the macrotile is most likely cached.
     add.gather = (double)counts.callbacks * (RECORD + WORD);
     add.forward = pixels * PLANES * WORD + (pairs + (double)counts.block_hits) * WORD;

@@ -9,7 +9,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "compress/vq_kernel.h"
-#include "sparegs/runtime.h"
+#include "simd/kernel_variants.h"
 
 enum { LANES = SGSI_VQ_LANES, GRAIN = 64 };
 
@@ -52,22 +52,14 @@ static void fill_blocks(sgsi_codebook *codebook)
     }
 }
 
+static void (*const kernels[SGS_ISA_COUNT])(const sgsi_vq_job *, size_t,
+                                            size_t) = SGSI_VARIANTS(sgsi_vq_nearest);
+
 static void assign_range(void *context, size_t begin, size_t end, int thread)
 {
     (void)thread;
     const sgsi_vq_job *job = context;
-#ifdef SGSI_X86
-    const sgs_isa isa = sgs_isa_get();
-    if (isa == SGS_ISA_AVX512) {
-        sgsi_vq_nearest_avx512(job, begin, end);
-        return;
-    }
-    if (isa == SGS_ISA_AVX2) {
-        sgsi_vq_nearest_avx2(job, begin, end);
-        return;
-    }
-#endif
-    sgsi_vq_nearest_baseline(job, begin, end);
+    kernels[sgs_isa_get()](job, begin, end);
 }
 
 void sgsi_codebook_assign(sgsi_codebook *codebook, const float *data, size_t stride,

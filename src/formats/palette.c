@@ -17,7 +17,7 @@
 #include "base/keyed_rows.h"
 #include "base/threads.h"
 #include "formats/palette_kernels.h"
-#include "sparegs/runtime.h"
+#include "simd/kernel_variants.h"
 
 enum {
     GROUP = SGSI_PALETTE_GROUP,
@@ -233,17 +233,7 @@ static void group_entries(clustering *c)
                 k < c->size ? c->entries[k * dimensions + d] : FLT_MAX / 4; // never the nearest
 }
 
-static sgsi_nearest_fn kernel_of(sgs_isa isa)
-{
-    static const sgsi_nearest_fn kernels[SGS_ISA_COUNT] = {
-        [SGS_ISA_BASELINE] = sgsi_palette_nearest_baseline,
-#ifdef SGSI_X86
-        [SGS_ISA_AVX2] = sgsi_palette_nearest_avx2,
-        [SGS_ISA_AVX512] = sgsi_palette_nearest_avx512,
-#endif
-    };
-    return kernels[isa];
-}
+static const sgsi_nearest_fn kernels[SGS_ISA_COUNT] = SGSI_VARIANTS(sgsi_palette_nearest);
 
 static void assign_range(void *context, size_t begin, size_t end, int thread)
 {
@@ -256,7 +246,7 @@ static void assign_range(void *context, size_t begin, size_t end, int thread)
                               .group_count = c->group_count,
                               .labels = c->labels,
                               .errors = c->errors};
-    kernel_of(sgs_isa_get())(&job, begin, end);
+    kernels[sgs_isa_get()](&job, begin, end);
 }
 
 // Moves entries to the means of their vectors, and entries without vectors to the worst ones.

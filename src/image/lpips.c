@@ -20,7 +20,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "image/mask.h"
-#include "sparegs/runtime.h"
+#include "simd/kernel_variants.h"
 
 enum {
     IMAGES = 2,
@@ -415,17 +415,7 @@ static bool run_network(distance_job *job, planes input[IMAGES])
     return done;
 }
 
-static sgsi_lpips_kernel kernel_of(sgs_isa isa)
-{
-    static const sgsi_lpips_kernel kernels[SGS_ISA_COUNT] = {
-        [SGS_ISA_BASELINE] = sgsi_lpips_row_baseline,
-#ifdef SGSI_X86
-        [SGS_ISA_AVX2] = sgsi_lpips_row_avx2,
-        [SGS_ISA_AVX512] = sgsi_lpips_row_avx512,
-#endif
-    };
-    return kernels[isa];
-}
+static const sgsi_lpips_kernel kernels[SGS_ISA_COUNT] = SGSI_VARIANTS(sgsi_lpips_row);
 
 sgs_status sgs_lpips_distance(const sgs_lpips *lpips, sgs_lpips_input input, const sgs_image8 *a,
                               const sgs_image8 *b, const uint16_t *valid_mask, double *distance)
@@ -442,7 +432,7 @@ sgs_status sgs_lpips_distance(const sgs_lpips *lpips, sgs_lpips_input input, con
                          "in both directions",
                          a->width, a->height, network->name, network->smallest);
     distance_job job = {.lpips = lpips,
-                        .kernel = kernel_of(sgs_isa_get()),
+                        .kernel = kernels[sgs_isa_get()],
                         .valid_mask = valid_mask,
                         .image_width = a->width,
                         .image_height = a->height};

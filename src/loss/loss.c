@@ -18,7 +18,7 @@
 
 #include "base/core.h"
 #include "loss/loss_kernels.h"
-#include "sparegs/runtime.h"
+#include "simd/kernel_variants.h"
 #include "base/threads.h"
 
 struct sgsi_loss_workspace {
@@ -33,17 +33,7 @@ struct sgsi_loss_workspace {
     float window[LOSS_RADIUS + 1];
 };
 
-static sgsi_loss_kernel kernel_of(sgs_isa isa)
-{
-    static const sgsi_loss_kernel kernels[SGS_ISA_COUNT] = {
-        [SGS_ISA_BASELINE] = sgsi_loss_block_baseline,
-#ifdef SGSI_X86
-        [SGS_ISA_AVX2] = sgsi_loss_block_avx2,
-        [SGS_ISA_AVX512] = sgsi_loss_block_avx512,
-#endif
-    };
-    return kernels[isa];
-}
+static const sgsi_loss_kernel kernels[SGS_ISA_COUNT] = SGSI_VARIANTS(sgsi_loss_block);
 
 static double window_sum(const double weight[LOSS_RADIUS + 1])
 {
@@ -237,7 +227,7 @@ sgs_status sgsi_loss_cells(sgsi_loss_workspace *workspace, const sgsi_loss_input
                 .alpha_scale = input->target->channels == 4 || input->opaque
                                    ? (float)(3.0 * (double)input->alpha_weight / values)
                                    : 0.0f},
-        .kernel = kernel_of(sgs_isa_get()),
+        .kernel = kernels[sgs_isa_get()],
         .workspace = workspace,
         .first = first,
         .last = last,

@@ -10,6 +10,7 @@
 
 #include "base/core.h"
 #include "measure/limit_kernels.h"
+#include "simd/kernel_variants.h"
 #include "sparegs/bench.h"
 #include "base/threads.h"
 
@@ -23,13 +24,8 @@ enum {
 
 static const sgsi_limit_kernels *current_kernels(void)
 {
-    static const sgsi_limit_kernels *const tables[SGS_ISA_COUNT] = {
-        [SGS_ISA_BASELINE] = &sgsi_limit_kernels_baseline,
-#ifdef SGSI_X86
-        [SGS_ISA_AVX2] = &sgsi_limit_kernels_avx2,
-        [SGS_ISA_AVX512] = &sgsi_limit_kernels_avx512,
-#endif
-    };
+    static const sgsi_limit_kernels *const tables[SGS_ISA_COUNT] =
+        SGSI_VARIANTS(&sgsi_limit_kernels);
     return tables[sgs_isa_get()];
 }
 

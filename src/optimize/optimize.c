@@ -5,18 +5,12 @@
 
 #include "optimize/optimize.h"
 
-#include "sparegs/runtime.h"
+#include "simd/kernel_variants.h"
+
+static sgsi_optimize_counts (*const kernels[SGS_ISA_COUNT])(const sgsi_optimize *, size_t, size_t) =
+    SGSI_VARIANTS(sgsi_optimize_blocks);
 
 sgsi_optimize_counts sgsi_optimize_blocks(const sgsi_optimize *input, size_t begin, size_t end)
 {
-    switch (sgs_isa_get()) {
-#ifdef SGSI_X86
-    case SGS_ISA_AVX512:
-        return sgsi_optimize_blocks_avx512(input, begin, end);
-    case SGS_ISA_AVX2:
-        return sgsi_optimize_blocks_avx2(input, begin, end);
-#endif
-    default:
-        return sgsi_optimize_blocks_baseline(input, begin, end);
-    }
+    return kernels[sgs_isa_get()](input, begin, end);
 }

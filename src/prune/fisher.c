@@ -19,7 +19,7 @@
 #include "base/threads.h"
 #include "prune/fisher_primitive.h"
 #include "prune/scores.h"
-#include "sparegs/runtime.h"
+#include "simd/kernel_variants.h"
 
 enum { CHUNK_SLOTS = 1 << 16, BUCKETS = 64 };
 
@@ -212,24 +212,14 @@ static sgs_status visit_view(void *context, const sgsi_traced_view *traced)
     return SGS_STATUS_OK;
 }
 
-static sgsi_fisher_kernel kernel_of(sgs_isa isa)
-{
-    static const sgsi_fisher_kernel kernels[SGS_ISA_COUNT] = {
-        [SGS_ISA_BASELINE] = sgsi_fisher_block_baseline,
-#ifdef SGSI_X86
-        [SGS_ISA_AVX2] = sgsi_fisher_block_avx2,
-        [SGS_ISA_AVX512] = sgsi_fisher_block_avx512,
-#endif
-    };
-    return kernels[isa];
-}
+static const sgsi_fisher_kernel kernels[SGS_ISA_COUNT] = SGSI_VARIANTS(sgsi_fisher_block);
 
 sgs_status sgsi_fisher_sums(const sgs_gaussians *model, const sgs_scene *scene,
                             const sgs_view_pass_options *options,
                             double (*sums)[SGSI_FISHER_ENTRIES])
 {
     const int threads = sgsi_threads();
-    fisher_job job = {.sums = sums, .model = model, .kernel = kernel_of(sgs_isa_get())};
+    fisher_job job = {.sums = sums, .model = model, .kernel = kernels[sgs_isa_get()]};
     memset(sums, 0, model->count * sizeof *sums);
     job.scratch = sgsi_calloc((size_t)threads, sizeof *job.scratch);
     if (!job.scratch)

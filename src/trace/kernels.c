@@ -5,18 +5,10 @@
 
 #include "trace/kernels.h"
 
-#include "sparegs/runtime.h"
+#include "simd/kernel_variants.h"
 
 const sgsi_kernels *sgsi_kernels_get(void)
 {
-    switch (sgs_isa_get()) {
-#ifdef SGSI_X86
-    case SGS_ISA_AVX512:
-        return &sgsi_kernels_avx512;
-    case SGS_ISA_AVX2:
-        return &sgsi_kernels_avx2;
-#endif
-    default:
-        return &sgsi_kernels_baseline;
-    }
+    static const sgsi_kernels *const kernels[SGS_ISA_COUNT] = SGSI_VARIANTS(&sgsi_kernels);
+    return kernels[sgs_isa_get()];
 }

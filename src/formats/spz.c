@@ -160,7 +160,7 @@ static sgs_status read_records(spz_file *file, const uint8_t *at, size_t left)
             if (axes)
                 file->axes = (sgs_spz_axes)known;
         }
-        at += 8 + size;
+        at += 8 + (size_t)size;
         left -= 8 + (size_t)size;
     }
     return SGS_STATUS_OK;

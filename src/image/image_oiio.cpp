@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Reads photographs and encodes PNG and DWAA EXR with OpenImageIO (2.2 to 3.x). The only C++ file
-// of the project.
+// Reads photographs and encodes PNG and DWAA EXR with OpenImageIO (2.2 to 3.x), which is a C++
+// library.
 //
 // Pixels are returned as stored: no colour conversion, no Exif rotation, straight alpha. Other
 // formats are converted to 8-bit RGB(A): grey is replicated, palettes are expanded by OpenImageIO,

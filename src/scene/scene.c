@@ -80,17 +80,21 @@ sgs_scene_options sgs_scene_options_default(void)
     return (sgs_scene_options){.struct_size = sizeof(sgs_scene_options), .load_images = true};
 }
 
+static void free_view(sgs_view *view)
+{
+    sgsi_free(view->name);
+    sgsi_free(view->image_path);
+    sgsi_free(view->mask_path);
+    sgsi_photo_free(&view->image);
+}
+
 void sgs_scene_destroy(sgs_scene *scene)
 {
     if (!scene)
         return;
     sgsi_scene_store_destroy(scene->store);
-    for (size_t i = 0; i < scene->view_count; ++i) {
-        sgsi_free(scene->views[i].name);
-        sgsi_free(scene->views[i].image_path);
-        sgsi_free(scene->views[i].mask_path);
-        sgsi_photo_free(&scene->views[i].image);
-    }
+    for (size_t i = 0; i < scene->view_count; ++i)
+        free_view(&scene->views[i]);
     sgsi_free(scene->views);
     sgsi_free(scene->points);
     sgsi_free(scene->colors);
@@ -476,14 +480,6 @@ static sgs_status make_views(loader *l)
     return status ? status : find_masks(l);
 }
 
-static void drop_view(sgs_view *view)
-{
-    sgsi_free(view->name);
-    sgsi_free(view->image_path);
-    sgsi_free(view->mask_path);
-    sgsi_photo_free(&view->image);
-}
-
 // Counts for the warnings about all views.
 typedef struct view_tally {
     size_t masked_out, masked_files, broken, mismatched; // masked_files: of masked_out, by a file
@@ -623,7 +619,7 @@ static sgs_status drop_unusable_views(loader *l)
         if (is_usable(l, i, &tally))
             keep_view(l, i, kept++, &tally);
         else
-            drop_view(&scene->views[i]);
+            free_view(&scene->views[i]);
     }
     scene->view_count = kept;
     if (scene->images_missing > MAX_WARNINGS)
@@ -666,7 +662,7 @@ static sgs_status drop_marked_views(loader *l)
     size_t kept = 0;
     for (size_t i = 0; i < count; ++i) {
         if (l->slots[i].dropped) {
-            drop_view(&scene->views[i]);
+            free_view(&scene->views[i]);
             continue;
         }
         if (l->limited) {

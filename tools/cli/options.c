@@ -47,6 +47,12 @@ int fail_usage(const char *format, ...)
     return EXIT_USAGE;
 }
 
+void key_to_name(char *text)
+{
+    for (char *dash = text; (dash = strchr(dash, '_'));)
+        *dash = '-';
+}
+
 // Damerau-Levenshtein distance (optimal string alignment): insert, delete, replace, swap
 // neighbours.
 static size_t edit_distance(const char *a, const char *b)

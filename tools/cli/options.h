@@ -93,6 +93,9 @@ int command_line_parse(command_line *line, int argc, char **argv);
 // The row of an option; NULL if the command has no such option.
 const option *find_option(const command_line *line, const char *name);
 
+// Turns the key of an option in JSON, "spare_grid", into its name, "spare-grid".
+void key_to_name(char *text);
+
 // The index of a word in "a|b|c"; -1 if it is NULL or not in the list.
 int find_word(const char *words, const char *word);
 

@@ -87,9 +87,7 @@ static bool flag_of_field(const char *field, char flag[48])
     if (!sgs_train_option_find(field))
         return false;
     snprintf(flag, 48, "--%s", field);
-    for (char *c = flag; *c; ++c)
-        if (*c == '_')
-            *c = '-';
+    key_to_name(flag);
     return true;
 }
 

@@ -131,12 +131,10 @@ static struct {
     size_t count;
 } table;
 
-// "spare_grid" is --spare-grid.
 static void flag_name(const char *name, char flag[32])
 {
     snprintf(flag, 32, "%s", name);
-    for (char *dash = flag; (dash = strchr(dash, '_'));)
-        *dash = '-';
+    key_to_name(flag);
 }
 
 static option_kind kind_of(sgs_option_type type)

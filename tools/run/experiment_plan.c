@@ -95,8 +95,7 @@ static bool add_options(experiment_run *run, json_t *options)
     json_object_foreach(options, key, value)
     {
         char *name = format_text("--%s", key);
-        for (char *dash = name; (dash = strchr(dash, '_'));)
-            *dash = '-';
+        key_to_name(name);
         for (size_t k = 0; k < sizeof own / sizeof *own; ++k)
             if (!strcmp(name + 2, own[k])) {
                 free(name);
@@ -200,8 +199,7 @@ static bool has_option(const json_t *options, const char *name)
     json_object_foreach((json_t *)options, key, value)
     {
         char *flag = format_text("%s", key);
-        for (char *dash = flag; (dash = strchr(dash, '_'));)
-            *dash = '-';
+        key_to_name(flag);
         const bool same = !strcmp(flag, name);
         free(flag);
         if (same)
@@ -273,8 +271,7 @@ static bool check_effects(const experiment_plan *plan)
     json_object_foreach(json_object_get(plan->root, "options"), key, value)
     {
         char *flag = format_text("--%s", key);
-        for (char *dash = flag; (dash = strchr(dash, '_'));)
-            *dash = '-';
+        key_to_name(flag);
         bool found = json_is_false(value) || json_is_null(value);
         for (size_t i = 0; i < plan->count && !found; ++i)
             for (int k = 0; k < plan->runs[i].argument_count && !found; ++k)

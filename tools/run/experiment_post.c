@@ -59,8 +59,7 @@ static char *value_text(const json_t *value)
 static char *option_name(const char *key)
 {
     char *name = format_text("%s", key);
-    for (char *dash = name; (dash = strchr(dash, '_'));)
-        *dash = '-';
+    key_to_name(name);
     return name;
 }
 

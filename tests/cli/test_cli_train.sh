@@ -69,6 +69,13 @@ check csv_rows_are_not_doubled test "$(grep -c '^20,' "$out/train.csv")" = 1
 truncate -s 100 "$out/checkpoint/state.bin" "$out/checkpoint/state.previous.bin"
 run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --resume
 
+# resume_does_not_call_an_unreadable_checkpoint_damaged
+rm "$out/checkpoint/"state*.bin
+mkdir "$out/checkpoint/state.bin"
+run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 20 --resume
+reports "state.bin: cannot be read, and there is no previous checkpoint; make it readable, then rerun with --resume"
+rmdir "$out/checkpoint/state.bin"
+
 # resume_refuses_other_options
 run 1 train "${data[@]}" -o "$out" --eval --spare bmd,rap --iterations 30 --resume
 one_line

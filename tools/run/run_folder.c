@@ -222,7 +222,7 @@ bool run_folder_prepare(run_folder *folder, const char *path)
 
 // ---- Temporary files of a killed process ----
 
-// True for NAME.tmp.PID, where NAME is one of the names: a file while it is written.
+// True for NAME.tmp.NUMBER, where NAME is one of the names: a file while it is written.
 static bool is_temporary(const char *name, const char *const names[], size_t count)
 {
     for (size_t k = 0; k < count; ++k) {
@@ -467,57 +467,74 @@ static sgs_status check_checkpoint(const char *path, sgs_trainer *trainer)
     return status;
 }
 
-// Returns 1 if loaded, 0 if it does not exist, -1 if damaged, -2 if it belongs to another run
-// (error printed), -3 if it cannot be read now.
-static int load_checkpoint(const char *path, sgs_trainer *trainer)
+typedef enum checkpoint_state {
+    CHECKPOINT_LOADED,
+    CHECKPOINT_MISSING,
+    CHECKPOINT_DAMAGED,
+    CHECKPOINT_UNREADABLE, // now
+    CHECKPOINT_REFUSED     // of another run, or out of memory; the error is printed
+} checkpoint_state;
+
+static checkpoint_state load_checkpoint(const char *path, sgs_trainer *trainer)
 {
     if (!file_exists(path))
-        return 0;
+        return CHECKPOINT_MISSING;
     const sgs_status status = group_ranks() ? check_checkpoint(path, trainer)
                                             : sgs_trainer_load_checkpoint(trainer, path);
     if (!status)
-        return 1;
+        return CHECKPOINT_LOADED;
     if (status == SGS_STATUS_FORMAT || status == SGS_STATUS_IO)
-        return status == SGS_STATUS_FORMAT ? -1 : -3;
+        return status == SGS_STATUS_FORMAT ? CHECKPOINT_DAMAGED : CHECKPOINT_UNREADABLE;
     fail_library();
-    return -2;
+    return CHECKPOINT_REFUSED;
+}
+
+// Loads the previous checkpoint in place of the newest one, which `newest_state` prevents.
+static checkpoint_state load_previous(const char *newest, checkpoint_state newest_state,
+                                      const char *previous, sgs_trainer *trainer, char **loaded)
+{
+    if (newest_state != CHECKPOINT_MISSING)
+        print_warning("%s; trying the previous checkpoint", sgs_last_error());
+    const checkpoint_state state = load_checkpoint(previous, trainer);
+    if (state == CHECKPOINT_DAMAGED || state == CHECKPOINT_UNREADABLE)
+        fail_library();
+    if (state == CHECKPOINT_MISSING && newest_state == CHECKPOINT_DAMAGED)
+        fail_run("%s: is damaged, and there is no previous checkpoint; start again with "
+                 "--overwrite",
+                 newest);
+    if (state == CHECKPOINT_MISSING && newest_state == CHECKPOINT_UNREADABLE)
+        fail_run("%s: cannot be read, and there is no previous checkpoint; make it readable, then "
+                 "rerun with --resume",
+                 newest);
+    if (state != CHECKPOINT_LOADED)
+        return state;
+    // Otherwise the next checkpoint would keep the damaged one as state.previous.bin.
+    const bool replaced = newest_state == CHECKPOINT_DAMAGED && !rename(previous, newest);
+    if (replaced)
+        print_warning(
+            "%s: replaced by the previous checkpoint; the iterations after it are repeated",
+            newest);
+    else if (newest_state != CHECKPOINT_MISSING)
+        print_warning("%s: used instead; the iterations after it are repeated", previous);
+    *loaded = format_text("%s", replaced ? newest : previous);
+    return state;
 }
 
 int run_folder_load_checkpoint(const run_folder *folder, sgs_trainer *trainer, char **loaded)
 {
-    bool renamed = false;
     *loaded = NULL;
     char *newest = checkpoint_path(folder, ""), *previous = checkpoint_path(folder, ".previous");
-    int result = load_checkpoint(newest, trainer);
-    if (result == 1)
+    const checkpoint_state first = load_checkpoint(newest, trainer);
+    checkpoint_state state = first;
+    if (first == CHECKPOINT_LOADED)
         *loaded = format_text("%s", newest);
-    if (result != 1 && result != -2) {
-        const bool damaged = result < 0, unreadable = result == -3;
-        if (damaged)
-            print_warning("%s; trying the previous checkpoint", sgs_last_error());
-        const int before = load_checkpoint(previous, trainer);
-        if (before == -1 || before == -3)
-            fail_library();
-        if (before == 0 && damaged)
-            fail_run(
-                "%s: is damaged, and there is no previous checkpoint; start again with --overwrite",
-                newest);
-        if (before == 1 && unreadable)
-            print_warning("%s: used instead; the iterations after it are repeated", previous);
-        if (before == 1 && damaged && !unreadable) {
-            // Otherwise the next checkpoint would keep the damaged one as state.previous.bin.
-            renamed = !rename(previous, newest);
-            print_warning(
-                "%s: replaced by the previous checkpoint; the iterations after it are repeated",
-                newest);
-        }
-        if (before == 1)
-            *loaded = format_text("%s", renamed ? newest : previous);
-        result = before == 0 && damaged ? -1 : before;
-    }
+    else if (first != CHECKPOINT_REFUSED)
+        state = load_previous(newest, first, previous, trainer, loaded);
     free(newest);
     free(previous);
-    return result < 0 ? -1 : result;
+    if (state == CHECKPOINT_LOADED)
+        return 1;
+    return first == CHECKPOINT_MISSING && state == CHECKPOINT_MISSING ? 0 : -1;
 }
 
 // Adds a step of saving in which all ranks take part, even if an earlier one failed on rank 0,

@@ -32,12 +32,12 @@ static const float BUCKET_SIDE = 5.0f;
 static const float FLOAT16_MOST = 65504.0f;
 
 typedef struct level_layout {
-    size_t position, scale, rotation, rest; // bytes of one value
+    size_t scale, rotation, rest; // bytes of one value
     size_t scale_at, rotation_at, color_at, rest_at;
 } level_layout;
 
 static const level_layout layouts[3] = {
-    {4, 4, 4, 4, 12, 24, 40, 44}, {2, 2, 2, 2, 6, 12, 20, 24}, {2, 2, 2, 1, 6, 12, 20, 24}};
+    {4, 4, 4, 12, 24, 40, 44}, {2, 2, 2, 6, 12, 20, 24}, {2, 2, 1, 6, 12, 20, 24}};
 
 static size_t row_bytes(int level, int sh_degree)
 {

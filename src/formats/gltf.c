@@ -19,6 +19,7 @@
 #include "formats/color_marks.h"
 #include "formats/model_rows.h"
 #include "model/similarity.h"
+#include "sparegs/camera.h"
 #include "sparegs/version.h"
 
 enum {
@@ -307,31 +308,6 @@ static bool read_numbers(const json_t *list, size_t count, double *values)
     return !list || json_array_size(list) == count;
 }
 
-// Quaternion of a rotation matrix [row][column].
-static void quaternion_of(double m[3][3], double q[4])
-{
-    const double trace = m[0][0] + m[1][1] + m[2][2];
-    int largest = 0; // component of q
-    double most = trace;
-    for (int k = 0; k < 3; ++k)
-        if (m[k][k] > most) {
-            most = m[k][k];
-            largest = k + 1;
-        }
-    if (!largest) {
-        q[0] = 1.0 + trace;
-        q[1] = m[2][1] - m[1][2];
-        q[2] = m[0][2] - m[2][0];
-        q[3] = m[1][0] - m[0][1];
-        return;
-    }
-    const int i = largest - 1, j = (i + 1) % 3, k = (i + 2) % 3;
-    q[0] = m[k][j] - m[j][k];
-    q[1 + i] = 1.0 + m[i][i] - m[j][j] - m[k][k];
-    q[1 + j] = m[i][j] + m[j][i];
-    q[1 + k] = m[i][k] + m[k][i];
-}
-
 // The transform of a node within its parent; false if it is not a similarity.
 static bool read_transform(const json_t *node, double *scale, double quaternion[4],
                            double translation[3])
@@ -359,7 +335,9 @@ static bool read_transform(const json_t *node, double *scale, double quaternion[
                  rows[0][1] * (rows[1][0] * rows[2][2] - rows[1][2] * rows[2][0]) +
                  rows[0][2] * (rows[1][0] * rows[2][1] - rows[1][1] * rows[2][0]);
         valid = fabs(volume - 1.0) < 1e-3;
-        quaternion_of(rows, quaternion);
+        sgs_pose pose;
+        memcpy(pose.rotation, rows, sizeof pose.rotation);
+        sgs_pose_quaternion(&pose, quaternion);
     }
     *scale = scales[0];
     double norm = 0.0;

@@ -11,7 +11,8 @@
 #include <time.h>
 #include <unistd.h>
 
-_Static_assert(ATOMIC_INT_LOCK_FREE == 2, "handlers need atomic integers without locks");
+_Static_assert(ATOMIC_INT_LOCK_FREE == 2 && ATOMIC_LONG_LOCK_FREE == 2,
+               "handlers need atomic integers without locks");
 
 enum { PASSED_ON = 1 << 16, REPEATED_SECONDS = 5 };
 static atomic_int received; // the signal, with PASSED_ON while only the forwarded one has arrived

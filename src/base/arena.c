@@ -36,7 +36,7 @@ uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words)
     }
 }
 
-void sgsi_arena_reset(sgsi_arena *arena)
+static void reset(sgsi_arena *arena)
 {
     arena->current = 0;
     arena->used = 0;
@@ -50,12 +50,12 @@ size_t sgsi_arena_used(const sgsi_arena *arena)
 
 bool sgsi_arena_reserve(sgsi_arena *arena, size_t words)
 {
-    sgsi_arena_reset(arena);
+    reset(arena);
     if (!words || (arena->chunk_count && arena->chunks[0].capacity >= words))
         return true;
     sgsi_arena_free(arena);
     const bool reserved = sgsi_arena_take(arena, words) != NULL;
-    sgsi_arena_reset(arena);
+    reset(arena);
     return reserved;
 }
 

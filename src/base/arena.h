@@ -29,5 +29,4 @@ size_t sgsi_arena_used(const sgsi_arena *arena);
 // allocating. (Untouched pages take no memory.) False when out of memory: the arena is then empty
 // and usable.
 bool sgsi_arena_reserve(sgsi_arena *arena, size_t words);
-void sgsi_arena_reset(sgsi_arena *arena);
 void sgsi_arena_free(sgsi_arena *arena);

@@ -58,6 +58,28 @@ static void rotate(double a[3][3], double v[3][3], int p, int q)
     }
 }
 
+// Unit quaternion (w x y z, w >= 0) of a rotation matrix, row-major.
+static void quaternion_of(const double r[9], double q[4])
+{
+    const double trace = r[0] + r[4] + r[8];
+    const double squares[4] = {1 + trace, 1 + 2 * r[0] - trace, 1 + 2 * r[4] - trace,
+                               1 + 2 * r[8] - trace}; // 4 w^2, 4 x^2, 4 y^2, 4 z^2
+    int largest = 0;
+    for (int k = 1; k < 4; ++k)
+        if (squares[k] > squares[largest])
+            largest = k;
+    const double half = 0.5 * sqrt(squares[largest]), scale = 0.25 / half;
+    const double wx = r[7] - r[5], wy = r[2] - r[6], wz = r[3] - r[1]; // 4 w x, ...
+    const double xy = r[1] + r[3], xz = r[2] + r[6], yz = r[5] + r[7];
+    const double products[4][4] = {
+        {0, wx, wy, wz}, {wx, 0, xy, xz}, {wy, xy, 0, yz}, {wz, xz, yz, 0}};
+    for (int k = 0; k < 4; ++k)
+        q[k] = k == largest ? half : products[largest][k] * scale;
+    if (q[0] < 0)
+        for (int k = 0; k < 4; ++k)
+            q[k] = -q[k];
+}
+
 void sgsi_eigen3(const double covariance[6], double values[3], double quaternion[4])
 {
     double a[3][3] = {{covariance[0], covariance[1], covariance[2]},
@@ -88,26 +110,5 @@ void sgsi_eigen3(const double covariance[6], double values[3], double quaternion
                                r[2] * (r[3] * r[7] - r[4] * r[6]);
     for (int k = 0; k < 9 && determinant < 0; ++k)
         r[k] = -r[k];
-    sgsi_quaternion_of(r, quaternion);
-}
-
-void sgsi_quaternion_of(const double r[9], double q[4])
-{
-    const double trace = r[0] + r[4] + r[8];
-    const double squares[4] = {1 + trace, 1 + 2 * r[0] - trace, 1 + 2 * r[4] - trace,
-                               1 + 2 * r[8] - trace}; // 4 w^2, 4 x^2, 4 y^2, 4 z^2
-    int largest = 0;
-    for (int k = 1; k < 4; ++k)
-        if (squares[k] > squares[largest])
-            largest = k;
-    const double half = 0.5 * sqrt(squares[largest]), scale = 0.25 / half;
-    const double wx = r[7] - r[5], wy = r[2] - r[6], wz = r[3] - r[1]; // 4 w x, ...
-    const double xy = r[1] + r[3], xz = r[2] + r[6], yz = r[5] + r[7];
-    const double products[4][4] = {
-        {0, wx, wy, wz}, {wx, 0, xy, xz}, {wy, xy, 0, yz}, {wz, xz, yz, 0}};
-    for (int k = 0; k < 4; ++k)
-        q[k] = k == largest ? half : products[largest][k] * scale;
-    if (q[0] < 0)
-        for (int k = 0; k < 4; ++k)
-            q[k] = -q[k];
+    quaternion_of(r, quaternion);
 }

@@ -11,6 +11,3 @@ void sgsi_covariance3(const float rotation[4], const float scale[3], double cova
 // Eigenvalues in ascending order and the unit quaternion (w x y z, w >= 0) of the rotation whose
 // columns are the eigenvectors.
 void sgsi_eigen3(const double covariance[6], double values[3], double quaternion[4]);
-
-// Unit quaternion (w x y z, w >= 0) of a rotation matrix, row-major.
-void sgsi_quaternion_of(const double rotation[9], double quaternion[4]);

@@ -46,8 +46,8 @@ void sgsi_meson_free(sgsi_meson *meson)
     *meson = (sgsi_meson){0};
 }
 
-void sgsi_meson_block_range(const sgsi_meson *meson, int channel, size_t b, size_t *begin,
-                            size_t *end)
+// Elements [*begin, *end) of a channel that block b quantises.
+static void block_range(const sgsi_meson *meson, int channel, size_t b, size_t *begin, size_t *end)
 {
     const size_t first = channel < transformed ? 1 : 0; // DC is stored as a float
     const size_t count = meson->count - first, size = count / meson->blocks,
@@ -121,7 +121,7 @@ static void quantise_channel(void *context, size_t channel, int thread)
     for (size_t b = 0; b < meson->blocks; ++b) {
         sgsi_meson_block *block = &meson->ranges[channel * meson->blocks + b];
         size_t begin, end;
-        sgsi_meson_block_range(meson, (int)channel, b, &begin, &end);
+        block_range(meson, (int)channel, b, &begin, &end);
         double low = 0, high = 0;
         for (size_t i = begin; i < end; ++i) {
             low = x[i] < low ? x[i] : low;
@@ -150,7 +150,7 @@ static void dequantise_channel(void *context, size_t channel, int thread)
     for (size_t b = 0; b < meson->blocks; ++b) {
         const sgsi_meson_block *block = &meson->ranges[channel * meson->blocks + b];
         size_t begin, end;
-        sgsi_meson_block_range(meson, (int)channel, b, &begin, &end);
+        block_range(meson, (int)channel, b, &begin, &end);
         for (size_t i = begin; i < end; ++i)
             x[i] = (double)block->scale * (double)((int)codes[i] - (int)block->zero);
     }

@@ -50,7 +50,3 @@ void sgsi_meson_free(sgsi_meson *meson);
 void sgsi_meson_quantise(sgsi_meson *meson);
 // codes -> model of `count` primitives, with all parameters.
 void sgsi_meson_reconstruct(sgsi_meson *meson, sgs_gaussians *model);
-
-// Elements [*begin, *end) of a channel that block b quantises.
-void sgsi_meson_block_range(const sgsi_meson *meson, int channel, size_t b, size_t *begin,
-                            size_t *end);

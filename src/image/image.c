@@ -105,16 +105,11 @@ sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
     return status ? status : sgsi_oiio_read(path, image);
 }
 
-sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *channels)
-{
-    const sgs_status status = sgsi_image_check_complete(path);
-    return status ? status : sgsi_oiio_probe(path, width, height, channels);
-}
-
 sgs_status sgs_image8_probe(const char *path, int *width, int *height)
 {
     int channels;
-    return sgsi_image8_probe(path, width, height, &channels);
+    const sgs_status status = sgsi_image_check_complete(path);
+    return status ? status : sgsi_oiio_probe(path, width, height, &channels);
 }
 
 void sgs_image8_free(sgs_image8 *image)

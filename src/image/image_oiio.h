@@ -49,9 +49,8 @@ typedef void (*sgsi_row_fn)(void *context, int y, const float *row);
 sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take,
                                void *context);
 
-// In image.c. Fails if the image file is truncated; sgsi_oiio_probe for complete files.
+// In image.c. Fails if the image file is truncated.
 sgs_status sgsi_image_check_complete(const char *path);
-sgs_status sgsi_image8_probe(const char *path, int *width, int *height, int *channels);
 
 // Encodes a PNG to new memory (sgsi_free). `path` is used in errors only. `description`: its text
 // chunk Description, or NULL.

@@ -80,7 +80,9 @@ static size_t edit_distance(const char *a, const char *b)
     return rows[length_a % 3][length_b];
 }
 
-const char *nearest_word(const char *text, const char *const *words, size_t count)
+// The word that `text` abbreviates, else the nearest by edit distance if it is similar. NULL if
+// there is none.
+static const char *nearest_word(const char *text, const char *const *words, size_t count)
 {
     const char *nearest = NULL;
     const size_t length = strlen(text);

@@ -112,11 +112,8 @@ bool same_file(const char *a, const char *b);
 // Refuses the output --name, which would replace an input; returns EXIT_USAGE.
 int refuse_input(const char *name, const char *path);
 
-// The word that `text` abbreviates, else the nearest by edit distance if it is similar. NULL if
-// there is none.
-const char *nearest_word(const char *text, const char *const *words, size_t count);
-
-// " (did you mean 'PREFIXword'?)" for the nearest word, or "" if there is none; held by `storage`.
+// " (did you mean 'PREFIXword'?)" for the word that `text` abbreviates or, if it is similar, the
+// nearest; "" if there is none. Held by `storage`.
 enum { SUGGESTION_LENGTH = 300 };
 const char *suggestion(char storage[SUGGESTION_LENGTH], const char *prefix, const char *text,
                        const char *const *words, size_t count);

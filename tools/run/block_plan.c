@@ -12,7 +12,8 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 
-void block_plan_digest(const sgs_scene *scene, char text[17])
+// The scene's digest as text.
+static void digest_text(const sgs_scene *scene, char text[17])
 {
     snprintf(text, 17, "%016" PRIx64, scene->digest);
 }
@@ -30,7 +31,7 @@ json_t *block_plan_json(const sgs_scene *scene, const sgs_blocks *blocks,
                         const sgs_block_options *options)
 {
     char digest[17];
-    block_plan_digest(scene, digest);
+    digest_text(scene, digest);
     json_t *list = json_array();
     for (size_t b = 0; b < blocks->count; ++b) {
         const sgs_block *block = &blocks->blocks[b];
@@ -154,7 +155,7 @@ size_t block_plan_find(const block_plan *plan, const float point[3])
 bool block_plan_is_of(const block_plan *plan, const char *path, const sgs_scene *scene)
 {
     char digest[17];
-    block_plan_digest(scene, digest);
+    digest_text(scene, digest);
     if (!strcmp(digest, plan->scene))
         return true;
     fail_run("%s: the plan is of another scene than %s: its cameras or points differ; run 'sparegs "

@@ -41,8 +41,5 @@ const json_t *block_plan_views(const block_plan *plan, size_t block);
 // The block that contains a point.
 size_t block_plan_find(const block_plan *plan, const float point[3]);
 
-// The scene's digest as text.
-void block_plan_digest(const sgs_scene *scene, char text[17]);
-
 // True if the scene is the plan's; otherwise prints the error, which names `path`.
 bool block_plan_is_of(const block_plan *plan, const char *path, const sgs_scene *scene);

@@ -413,7 +413,8 @@ static bool keep_previous(const char *newest, const char *previous)
     return true;
 }
 
-bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
+// Of rank 0; the others call sgs_trainer_save_checkpoint.
+static bool save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
 {
     const double start = clock_seconds();
     char *newest = checkpoint_path(folder, ""), *next = checkpoint_path(folder, ".next");
@@ -566,7 +567,7 @@ bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
 
 bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer)
 {
-    return group_leads() ? run_folder_save_checkpoint(folder, trainer)
+    return group_leads() ? save_checkpoint(folder, trainer)
                          : !sgs_trainer_save_checkpoint(trainer, NULL);
 }
 

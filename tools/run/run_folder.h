@@ -59,12 +59,10 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
                            const sgs_model_write_options *options);
 
-// Writes OUT/checkpoint/state.bin and keeps the previous one as state.previous.bin. The tables must
-// be open. Other ranks call sgs_trainer_save_checkpoint.
-bool run_folder_save_checkpoint(run_folder *folder, const sgs_trainer *trainer);
 // These two on all ranks; only rank 0 writes. The first saves the model of a trainer in parts;
 // Mip-Splatting's 3D filter is fused into it and also saved separately; the colour maps of
-// --exposure are those of the saved model.
+// --exposure are those of the saved model. The second writes OUT/checkpoint/state.bin and keeps the
+// previous one as state.previous.bin; the tables must be open.
 bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
                               sgs_trainer *trainer, int iteration);
 bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer);

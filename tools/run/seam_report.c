@@ -117,7 +117,9 @@ static double difference(const double squares[2], const seam_report *report)
     return psnr(squares, report, false) - psnr(squares, report, true);
 }
 
-double seam_report_loss(const seam_report *report)
+// Loss of PSNR at the seams in dB: of the rest minus of the seams, in excess of the same difference
+// of the reference. NaN without pixels.
+static double loss_of(const seam_report *report)
 {
     return difference(report->squares, report) -
            (report->has_reference ? difference(report->reference, report) : 0);
@@ -143,13 +145,13 @@ json_t *seam_report_json(const seam_report *report)
                         json_number(refers ? psnr(report->reference, report, true) : NAN));
     json_object_set_new(root, "reference_psnr_rest",
                         json_number(refers ? psnr(report->reference, report, false) : NAN));
-    json_object_set_new(root, "loss", json_number(seam_report_loss(report)));
+    json_object_set_new(root, "loss", json_number(loss_of(report)));
     return root;
 }
 
 void seam_report_print(const seam_report *report, bool quiet)
 {
-    const double loss = seam_report_loss(report);
+    const double loss = loss_of(report);
     if (!quiet && !(report->pixels[1] > 0)) {
         printf("seams: no pixel of %zu images is within %g extents of a face\n", report->images,
                SEAM_WIDTH);

@@ -32,10 +32,6 @@ typedef struct seam_report {
 bool seam_report_make(const evaluator *evaluation, const evaluator *reference,
                       const block_plan *plan, size_t most, seam_report *report);
 
-// Loss of PSNR at the seams in dB: of the rest minus of the seams, in excess of the same difference
-// of the reference. NaN without pixels.
-double seam_report_loss(const seam_report *report);
-
 // {"images", "split", "width", "pixel_share", "psnr_seam", "psnr_rest", "reference_psnr_seam",
 // "reference_psnr_rest", "loss"}
 json_t *seam_report_json(const seam_report *report);

@@ -94,7 +94,8 @@ void trace_span(trace_file *trace, const char *name, double start, double second
     put_span(trace, name, 1, start, seconds);
 }
 
-void trace_count(trace_file *trace, const char *name, double time, double value)
+// Adds a counter value.
+static void add_count(trace_file *trace, const char *name, double time, double value)
 {
     if (!isfinite(value))
         return;
@@ -133,7 +134,7 @@ void trace_step(trace_file *trace, const sgs_trainer *trainer, double start,
 {
     const sgs_train_seconds after = sgs_trainer_seconds(trainer);
     trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
-    trace_count(trace, "loss", start, info->loss);
-    trace_count(trace, "gaussians", start, (double)info->gaussians);
-    trace_count(trace, "rss_mb", start, 1e-6 * (double)sgs_rss_current());
+    add_count(trace, "loss", start, info->loss);
+    add_count(trace, "gaussians", start, (double)info->gaussians);
+    add_count(trace, "rss_mb", start, 1e-6 * (double)sgs_rss_current());
 }

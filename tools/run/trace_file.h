@@ -21,8 +21,6 @@ void trace_iteration(trace_file *trace, int iteration, double start, double seco
                      const sgs_train_seconds *before, const sgs_train_seconds *after);
 // Adds another timed event.
 void trace_span(trace_file *trace, const char *name, double start, double seconds);
-// Adds a counter value.
-void trace_count(trace_file *trace, const char *name, double time, double value);
 
 // Completes the file, or discards it if `keep` is false. Accepts NULL.
 bool trace_close(trace_file *trace, bool keep);

@@ -32,8 +32,6 @@ int access_check(const access_rules *rules, const access_request *request);
 bool host_is_loopback(const char *host);
 // True if the origin is http:// or https:// followed by the host.
 bool origin_is_host(const char *origin, const char *host);
-// The comparison takes the same time wherever the texts differ.
-bool token_equals(const char *given, const char *token);
 // TOKEN_MINIMUM to TOKEN_MAXIMUM letters, digits, '-' and '_'.
 bool token_is_valid(const char *token);
 // A random token. False if the system provides no random bytes.

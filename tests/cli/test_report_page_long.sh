@@ -35,6 +35,13 @@ has 'data-drawn="7"' 1                   # set by the script's last line
 has '<h1 id="title">A &lt;/script&gt;&lt;b&gt;title' 1  # texts are texts
 check map_of_regions test "$(sed -n 's/.*id="regionMap">\(.*\)/\1/p' "$temporary/dom" | grep -o '<rect' | wc -l)" -gt 10
 
+status=0
+mkdir -p "$temporary/pages"
+python3 "$SPAREGS_SOURCE/tests/cli/report_browser.py" "$temporary/out/report.html" "$temporary/pages" >"$temporary/page" 2>&1 || status=$?
+grep -vE '^ok ' "$temporary/page" || true
+last_command="report_browser.py"
+check the_page_fits_and_is_named test "$status" -eq 0 -a "$(grep -c '^ok ' "$temporary/page")" -gt 10
+
 # The check detects an error.
 sed "s/^'use strict';/'use strict'; nothing.here;/" "$temporary/out/report.html" >"$temporary/broken.html"
 load "$temporary/broken.html"

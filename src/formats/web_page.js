@@ -429,8 +429,13 @@ async function start() {
   };
   worker.postMessage({means}, [means.buffer]);
   for (const name of ['eye', 'axes', 'focal', 'center', 'size']) places[name] = place(name);
+  goTo(askedCamera());
+}
+
+// The number of the camera in the address.
+function askedCamera() {
   const asked = /camera=(\d+)/.exec(location.hash);
-  goTo(asked ? Number(asked[1]) : 0);
+  return asked ? Number(asked[1]) : 0;
 }
 
 // ---- Input ----
@@ -470,7 +475,7 @@ const keys = {
   '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
   w: () => move(0, 0, 0.02 * extent), s: () => move(0, 0, -0.02 * extent), a: () => move(-0.02 * extent, 0, 0),
   d: () => move(0.02 * extent, 0, 0), q: () => move(0, 0.02 * extent, 0), e: () => move(0, -0.02 * extent, 0),
-  n: () => goTo(camera.number + 1), p: () => goTo(camera.number - 1), Home: () => goTo(0),
+  n: () => goTo(camera.number + 1), p: () => goTo(camera.number - 1), Home: () => goTo(0), Escape: () => showHelp(false),
 };
 document.addEventListener('keydown', (event) => {
   const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
@@ -481,11 +486,13 @@ document.addEventListener('keydown', (event) => {
 $('next').addEventListener('click', keys.n);
 $('previous').addEventListener('click', keys.p);
 $('home').addEventListener('click', keys.Home);
-$('info').addEventListener('click', () => {
-  $('help').hidden = !$('help').hidden;
-  $('info').setAttribute('aria-expanded', String(!$('help').hidden));
-});
+function showHelp(shown) {
+  $('help').hidden = !shown;
+  $('info').setAttribute('aria-expanded', String(shown));
+}
+$('info').addEventListener('click', () => showHelp($('help').hidden));
 addEventListener('resize', changed);
+addEventListener('hashchange', () => { if (camera.lens) goTo(askedCamera()); });
 canvas.addEventListener('webglcontextlost', () => {
   lost = true;
   status.textContent = 'The graphics device was lost. Reload the page.';

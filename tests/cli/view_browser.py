@@ -248,6 +248,19 @@ def quantities(page):
     page.changes("logarithmic", lambda: page.set("log", True), lambda: page.set("log", False))
     page.changes("a_range", lambda: (page.set("rangeLow", 0.5), page.set("rangeHigh", 50)),
                  lambda: (page.set("rangeLow", ""), page.set("rangeHigh", "")))
+    for low, high in ((3, ""), ("", 3), (5, 4)):
+        page.set("rangeLow", low)
+        page.set("rangeHigh", high)
+        page.rest()
+        expect("half_a_range_is_reported", page.run("byId('rangeText').textContent !== '' && byId('rangeLow').ariaInvalid === 'true' && "
+                                                    "!('range' in request.message)"), (low, high))
+    page.set("aov", "rgba")
+    expect("colours_have_no_range", page.run("byId('rangeText').textContent") == "")
+    page.set("aov", "depth")
+    page.set("rangeHigh", "")
+    page.set("rangeLow", "")
+    page.rest()
+    expect("no_range_is_right", page.run("byId('rangeText').textContent === '' && byId('rangeLow').ariaInvalid === 'false'"))
     page.mouse("mouseMoved", 250, 330)
     expect("the_value_under_the_cursor", page.wait("byId('value').textContent.includes('depth: ')") is not None)
     page.screenshot(os.path.join(folder, "depth.png"))
@@ -255,6 +268,7 @@ def quantities(page):
     page.set("rangeLow", 0)
     page.set("rangeHigh", 5)
     expect("a_logarithmic_range_from_0_is_refused", page.wait("viewer.errors.length > 0") is not None)
+    expect("which_is_shown", page.run("byId('message').textContent.includes('must be positive')"))
     page.set("aov", "rgba")
     expect("which_does_not_matter_to_colours", page.rest() is not None and page.run("viewer.frame.aov") == "rgba")
     page.run("viewer.errors.length = 0")
@@ -282,6 +296,14 @@ def photographs(page):
     page.wait("photoReady")
     page.set("compare", "slider")
     expect("the_slider_shows_both", page.run("!photo.hidden && !byId('split').hidden && photo.style.clipPath.includes('50%')"))
+    page.call("Emulation.setDeviceMetricsOverride", width=640, height=360, deviceScaleFactor=2, mobile=False)
+    page.rest()
+    expect("the_slider_can_be_reached", page.run("""(() => { const box = byId('split').getBoundingClientRect();
+        const lines = ['status', 'value'].map((id) => byId(id).getBoundingClientRect());
+        return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2) === byId('split') &&
+            lines.every((line) => !line.height || line.top >= box.bottom); })()"""))
+    page.call("Emulation.setDeviceMetricsOverride", width=1200, height=760, deviceScaleFactor=1, mobile=False)
+    page.rest()
     page.set("split", 20, "input")
     expect("the_boundary_moves", page.run("photo.style.clipPath.includes('80%')"))
     page.screenshot(os.path.join(folder, "slider.png"))
@@ -296,10 +318,14 @@ def photographs(page):
     expect("the_gain_brightens_it", page.run(bright) > 1.5 * first)
     page.set("compare", "render")
     expect("the_render_is_shown_again", overlay_pixels(page) == 0)
+    page.run("photo.dispatchEvent(new Event('error'))")
+    expect("a_missing_photograph_is_reported", page.run("byId('message').textContent.includes(viewer.hello.views[3].name)"))
 
 
 def pixels_and_regions(page):
+    page.run("byId('value').textContent = 'a value'")
     page.press("home")
+    expect("a_value_is_that_of_this_camera", page.run("byId('value').textContent") == "")
     page.rest()
     page.run("viewer.ray = null; viewer.region = null")
     page.click(430, 390)
@@ -308,6 +334,9 @@ def pixels_and_regions(page):
     expect("the_table_has_a_row_per_primitive", page.run("byId('pixelTable').tBodies[0].rows.length") == hits["count"] > 0)
     expect("transmittance_is_plotted", page.run("byId('pixelPlot').querySelectorAll('polyline').length") == 1)
     expect("the_region_is_explained", page.wait("viewer.region !== null && viewer.region.updates.length > 0") is not None)
+    expect("two_curves_have_a_legend", page.run("""(() => { const names = [...byId('regionPlot').querySelectorAll('tspan')];
+        const lines = [...byId('regionPlot').querySelectorAll('polyline')];
+        return names.length === 2 && names.every((name, k) => getComputedStyle(name).fill === getComputedStyle(lines[k]).stroke); })()"""))
     update = page.run("viewer.region.updates[viewer.region.updates.length - 1]")
     explained = json.loads(subprocess.run([program, "explain", run_folder, "--region", ",".join(map(str, update["center"])), "--json"],
                                           check=True, capture_output=True, text=True).stdout)["updates"]
@@ -328,9 +357,20 @@ def enter(page):
 def run_panel(page):
     page.run("byId('runBox').open = true")
     expect("four_curves", page.wait("document.querySelectorAll('#plots polyline').length === 4") is not None)
-    expect("updates_are_marked", page.run("document.querySelectorAll('#plots .update').length") > 0)
+    expect("all_updates_are_marked", page.run("document.querySelectorAll('#plots .update').length === 4 * viewer.history.spare.iteration.length"))
+    expect("equal_values_have_one_label", page.run("""(() => { const svg = shape('svg', {}, byId('plots'));
+        plot(svg, 'primitives', [{x: [100, 200], y: [7987, 7987], name: 'count'}]);
+        const texts = [...svg.querySelectorAll('text')].map((text) => text.textContent); svg.remove(); return texts.join(); })()""")
+           == "primitives,7987,100,200")
     page.run("document.querySelector('#plots .update').dispatchEvent(new MouseEvent('click', {bubbles: true}))")
     expect("an_update_is_explained", page.run("byId('updateText').textContent.includes('rap pruned')"))
+    page.run("document.querySelectorAll('#plots .update')[1].focus()")
+    page.key(" ", "Space")
+    kept = "[...document.querySelectorAll('#plots .chosen')].length === 4 && document.activeElement.dataset.x === " \
+           "document.querySelector('#plots .chosen').dataset.x && byId('updateText').textContent.includes(document.activeElement.dataset.x)"
+    expect("a_key_explains_an_update", page.run(kept))
+    page.run("showHistory(viewer.history)")
+    expect("it_remains_when_the_curves_are_drawn_again", page.run(kept))
     expect("options_are_listed", page.run("byId('options').rows.length") > 20)
     expect("phases_are_listed", page.run("byId('phases').querySelectorAll('tr').length") > 5)
     page.press("fold")
@@ -358,10 +398,15 @@ def files(page):
     page.press("exr")
     expect("an_exr_is_saved", page.wait("viewer.saved && viewer.saved.kind === 'exr'") is not None)
     path = page.run("viewer.saved.path")
+    shown = "byId('message').textContent.includes(viewer.saved.path)"
+    page.run("createImageBitmap(picture).then((b) => showPicture(viewer.frame, b))")
+    expect("its_path_is_shown_until_the_camera_moves", page.run(shown))
     expect("the_exr_has_all_quantities", b"slack.S" in open(path, "rb").read(4096), path)
     os.remove(path)
     page.press("keyAdd")
     page.run("document.querySelectorAll('#photos button')[5].click()")
+    page.rest()
+    expect("and_not_any_longer", page.run("byId('message').textContent") == "")
     page.press("keyAdd")
     page.run("document.querySelectorAll('#photos button')[9].click()")
     page.press("keyAdd")
@@ -674,10 +719,21 @@ def main():
         expect("the_phone_has_no_sideways_scrolling", phone.run("document.documentElement.scrollWidth") <= 390)
         phone.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
         expect("dark_colours", phone.run("getComputedStyle(document.body).backgroundColor") == "rgb(28, 31, 36)")
+        phone.call("Emulation.setTouchEmulationEnabled", enabled=True)
+        small = phone.run("""[...document.querySelectorAll('#panel button, #panel select, #panel input')].filter((e) => e.offsetHeight &&
+            e.offsetHeight < (e.type === 'checkbox' ? 20 : 38)).map((e) => e.id)""")
+        expect("controls_are_large_enough_for_fingers", phone.run("matchMedia('(pointer: coarse)').matches") and small == [], small)
         phone.screenshot(os.path.join(folder, "phone.png"))
         unnamed = phone.run("""[...document.querySelectorAll('button, input, select, canvas[tabindex]')].filter((e) =>
             !(e.textContent.trim() || e.getAttribute('aria-label') || (e.labels && e.labels.length))).map((e) => e.id)""")
         expect("every_control_has_a_name", unnamed == [], unnamed)
+        expect("nothing_to_compare", phone.run("byId('compare').disabled"))
+        phone.run("listeners.hello.forEach((call) => call({...viewer.hello, views: [{...%s, name: 'DSC_0001_'.repeat(20)}]}))" % json.dumps(
+            {"width": 4, "height": 3, "fov": 50, "lens": "PINHOLE", "intrinsics": [4, 4, 2, 1.5], "params": [4, 4, 2, 1.5],
+             "photo": False, "test": False, "fisheye": False, "camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}))
+        phone.run("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
+        wide = phone.run("[byId('panel').scrollWidth, byId('panel').clientWidth]")
+        expect("long_names_do_not_widen_the_panel", wide[0] <= wide[1], wide)
     finally:
         phone.close()
         free[0].terminate()

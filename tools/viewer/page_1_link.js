@@ -43,6 +43,13 @@ function notice(text) {
   byId('notice').hidden = !text;
 }
 
+// What was saved, or what is wrong; stays until a picture of a later request.
+let messageSerial = 0;
+function showMessage(text) {
+  byId('message').textContent = text;
+  messageSerial = viewer.serial;
+}
+
 // The token of the address was exchanged for a cookie.
 if (location.search) history.replaceState(null, '', location.pathname);
 
@@ -88,13 +95,14 @@ async function checkToken() {
 // Tries again until the program answers.
 function connectLater() {
   const delay = retryDelay(retries++);
-  notice(`No connection to sparegs. Reconnecting in ${delay / 1000} s (attempt ${retries}).`);
+  const ended = viewer.progress && viewer.progress.finished ? 'The training has ended. ' : '';
+  notice(`${ended}No connection to sparegs. Reconnecting in ${delay / 1000} s (attempt ${retries}).`);
   setTimeout(connect, delay);
 }
 
 onMessage('error', (message) => {
   viewer.errors.push(message.text);
-  byId('status').textContent = 'Error: ' + message.text;
+  showMessage('Error: ' + message.text);
 });
 
 // Pictures: 4 bytes length of the JSON header (little-endian), the header, the image file.
@@ -117,7 +125,7 @@ function download(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
-// A plot of curves over iterations or distances. curves: [{x, y, name}]; marks: [{x, pressed}].
+// A plot of curves over iterations or distances. curves: [{x, y, name}]; marks: [{x, pressed, chosen}].
 const svgName = 'http://www.w3.org/2000/svg';
 function shape(name, attributes, parent, text) {
   const made = document.createElementNS(svgName, name);
@@ -133,30 +141,35 @@ function plot(svg, title, curves, marks = []) {
   const points = curves.map((curve) => curve.x.map((x, i) => [x, curve.y[i]]).filter(
     (point) => Number.isFinite(point[0]) && Number.isFinite(point[1])));
   const all = points.flat();
-  shape('text', {x: 4, y: 11}, svg, title + (curves.length > 1 ? ': ' + curves.map((curve) => curve.name).join(', ') : ''));
+  const heading = shape('text', {x: 4, y: 11}, svg, title + (curves.length > 1 ? ':' : ''));
+  if (curves.length > 1) curves.forEach((curve, k) => shape('tspan', {class: k ? 'otherName' : 'lineName'}, heading, ' ' + curve.name));
   if (!all.length) return;
   let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
+  for (const mark of marks) { x0 = Math.min(x0, mark.x); x1 = Math.max(x1, mark.x); }
   for (const [x, y] of all) {
     x0 = Math.min(x0, x); x1 = Math.max(x1, x); y0 = Math.min(y0, y); y1 = Math.max(y1, y);
   }
-  if (x1 === x0) { x0 -= 1; x1 += 1; }
-  if (y1 === y0) { y0 -= 0.5; y1 += 0.5; }
+  // A range of one value is labelled once, in the middle.
+  const one = {x: x1 === x0, y: y1 === y0};
+  if (one.x) { x0 -= 1; x1 += 1; }
+  if (one.y) { y0 -= 0.5; y1 += 0.5; }
   const px = (x) => (left + (x - x0) / (x1 - x0) * (right - left)).toFixed(1);
   const py = (y) => (bottom - (y - y0) / (y1 - y0) * (bottom - top)).toFixed(1);
   for (const mark of marks)
     if (mark.x >= x0 && mark.x <= x1) {
-      const line = shape('line', {x1: px(mark.x), x2: px(mark.x), y1: top, y2: bottom, class: 'update', tabindex: 0,
-        role: 'button', 'aria-label': 'structural update of iteration ' + mark.x}, svg);
+      const line = shape('line', {x1: px(mark.x), x2: px(mark.x), y1: top, y2: bottom, class: mark.chosen ? 'update chosen' : 'update', tabindex: 0,
+        role: 'button', 'data-x': mark.x, 'aria-label': 'structural update of iteration ' + mark.x}, svg);
       line.onclick = mark.pressed;
-      line.onkeydown = (event) => { if (event.key === 'Enter') mark.pressed(event); };
+      line.onkeydown = (event) => { if (event.key === 'Enter' || event.key === ' ') { event.preventDefault(); mark.pressed(event); } };
     }
   shape('path', {d: `M${left} ${top}V${bottom}H${right}`, class: 'axis'}, svg);
   points.forEach((list, k) => {
     if (list.length)
       shape('polyline', {points: list.map(([x, y]) => px(x) + ',' + py(y)).join(' '), class: k ? 'other' : 'line'}, svg);
   });
-  shape('text', {x: 4, y: top + 4}, svg, number(y1, 3));
-  shape('text', {x: 4, y: bottom}, svg, number(y0, 3));
-  shape('text', {x: left, y: bottom + 14}, svg, number(x0, 5));
-  shape('text', {x: right, y: bottom + 14, 'text-anchor': 'end'}, svg, number(x1, 5));
+  const middle = (a, b) => (a + b) / 2;
+  for (const [at, y] of one.y ? [[middle(top, bottom), middle(y0, y1)]] : [[top + 4, y1], [bottom, y0]])
+    shape('text', {x: 4, y: at}, svg, number(y, 3));
+  for (const [at, x, anchor] of one.x ? [[middle(left, right), middle(x0, x1), 'middle']] : [[left, x0, 'start'], [right, x1, 'end']])
+    shape('text', {x: at, y: bottom + 14, 'text-anchor': anchor}, svg, number(x, 5));
 }

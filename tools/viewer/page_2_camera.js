@@ -182,6 +182,14 @@ function pictureSize() {
   return [Math.floor(width * limit), Math.floor(height * limit)];
 }
 
+// What is wrong with the limits of the colour range, ''; without limits the program measures the range of each picture.
+function rangeProblem() {
+  const low = byId('rangeLow').value, high = byId('rangeHigh').value;
+  if (!rampOf(byId('aov').value) || (low === '' && high === '')) return '';
+  if (low === '' || high === '') return 'Enter both limits, or neither.';
+  return Number(high) > Number(low) ? '' : 'The upper limit must exceed the lower one.';
+}
+
 function cameraMessage(moving) {
   [request.width, request.height] = pictureSize();
   const message = {type: 'camera', serial: ++viewer.serial, width: request.width, height: request.height, moving,
@@ -189,7 +197,7 @@ function cameraMessage(moving) {
   const low = byId('rangeLow').value, high = byId('rangeHigh').value;
   if (rampOf(message.aov)) { // what the fields hold is no matter of other quantities
     message.log = byId('log').checked;
-    if (low !== '' && high !== '' && Number(high) > Number(low)) message.range = [Number(low), Number(high)];
+    if (low !== '' && !rangeProblem()) message.range = [Number(low), Number(high)];
   }
   if (camera.view >= 0) {
     message.view = camera.view;

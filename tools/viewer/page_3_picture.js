@@ -14,6 +14,7 @@ function layout() {
   fit.style.height = height + 'px';
   fit.style.left = (stage.width - width) / 2 + 'px';
   fit.style.top = (stage.height - height) / 2 + 'px';
+  byId('split').style.bottom = Math.max(8, 60 - (stage.height - height) / 2) + 'px'; // above the lines of text
   if (overlay.width !== request.width || overlay.height !== request.height) {
     overlay.width = request.width;
     overlay.height = request.height;
@@ -34,9 +35,10 @@ function showPicture(head, bitmap) {
   viewer.shown.push([now, sent === undefined ? NaN : now - sent]);
   if (viewer.shown.length > 1000) viewer.shown.shift();
   viewer.frame = head;
+  if (head.serial > messageSerial) byId('message').textContent = '';
   const rate = viewer.shown.filter((entry) => entry[0] > now - 1000).length;
   byId('status').textContent = `${head.width} × ${head.height}${head.lossless ? ', exact' : ''} · ${(1000 * head.seconds).toFixed(0)} ms · ` +
-    `${rate} pictures/s · ${head.gaussians.toLocaleString('en')} primitives` + (head.iteration ? ` · iteration ${head.iteration}` : '');
+    `${rate} fps · ${head.gaussians.toLocaleString('en')} primitives` + (head.iteration ? ` · iteration ${head.iteration}` : '');
   showBar(head);
   if (head.removed !== undefined)
     byId('cropText').textContent = `${head.removed.toLocaleString('en')} of ${head.gaussians.toLocaleString('en')} primitives are removed`;
@@ -135,6 +137,7 @@ function photographLeft() {
   byId('split').hidden = photo.hidden = true;
   photoReady = false;
   chosen = null;
+  byId('value').textContent = ''; // of the camera before
   document.querySelectorAll('#photos button[aria-pressed=true]').forEach((button) => button.setAttribute('aria-pressed', 'false'));
 }
 
@@ -171,6 +174,7 @@ function choosePhotograph(index) {
   showFov();
   if (!view.photo) return;
   photo.onload = () => { photoReady = true; compareAgain(); };
+  photo.onerror = () => showMessage('Error: the photograph ' + view.name + ' cannot be loaded');
   photo.alt = 'Photograph ' + view.name;
   photo.src = photographAddress('photo', index);
 }

@@ -18,27 +18,39 @@ function rampOf(name) {
   return row && row.ramp;
 }
 
+function showRange() {
+  byId('rangeText').textContent = rangeProblem();
+  for (const id of ['rangeLow', 'rangeHigh']) byId(id).setAttribute('aria-invalid', String(rangeProblem() !== ''));
+  requestPicture(false);
+}
+
 function showQuantity() {
   const ramp = rampOf(byId('aov').value);
   for (const id of ['log', 'rangeLow', 'rangeHigh']) byId(id).disabled = !ramp;
   byId('samples').disabled = byId('aov').value !== 'rgba';
   byId('value').textContent = '';
-  requestPicture(false);
+  showRange();
+}
+
+// The last part of the model's path.
+function modelName() {
+  return viewer.hello.model.split('/').filter(Boolean).pop() || viewer.hello.model;
 }
 
 function saveScreenshot() {
   picture.toBlob((blob) => {
     viewer.saved = {kind: 'png', size: blob.size};
-    download((viewer.hello.model.split('/').pop() || 'view') + '.png', blob);
+    download(modelName() + '.png', blob);
   });
 }
 
 onMessage('saved', (message) => {
   viewer.saved = {kind: 'exr', path: message.path};
-  byId('status').textContent = 'Saved ' + message.path;
+  showMessage('Saved ' + message.path);
 });
 
-for (const id of ['log', 'rangeLow', 'rangeHigh', 'samples', 'size']) byId(id).onchange = () => requestPicture(false);
+for (const id of ['log', 'samples', 'size']) byId(id).onchange = () => requestPicture(false);
+for (const id of ['rangeLow', 'rangeHigh']) byId(id).onchange = showRange;
 byId('aov').onchange = showQuantity;
 byId('screenshot').onclick = saveScreenshot;
 byId('exr').onclick = () => send({type: 'exr'});

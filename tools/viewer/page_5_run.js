@@ -3,22 +3,29 @@
 
 // The run: progress, curves, structural updates, phases, options, and the buttons of a training.
 
-const curves = [['loss', 'loss'], ['psnr_train', 'PSNR, dB'], ['gaussians', 'primitives'], ['rss_bytes', 'memory, MB']];
+const curves = [['loss', 'loss'], ['psnr_train', 'training PSNR, dB'], ['gaussians', 'primitives'], ['rss_bytes', 'memory, MB']];
 
+const updateHint = byId('updateText').textContent;
+let chosenUpdate = null; // its iteration
+
+// Draws the curves. During a training they are drawn again and again; the chosen update and the focus remain.
 function showHistory(history) {
   const train = history.train, spare = history.spare, box = byId('plots');
-  box.replaceChildren();
+  const focused = document.activeElement.closest('#plots .update');
   const x = train.iteration || [];
-  const marks = (spare.iteration || []).map((iteration, i) => ({x: iteration, pressed: (event) => {
-    document.querySelectorAll('.update.chosen').forEach((line) => line.classList.remove('chosen'));
-    event.currentTarget.classList.add('chosen');
+  const marks = (spare.iteration || []).map((iteration, i) => ({x: iteration, chosen: iteration === chosenUpdate, pressed: () => {
+    chosenUpdate = iteration;
+    box.querySelectorAll('.update').forEach((line) => line.classList.toggle('chosen', line.dataset.x === String(iteration)));
     byId('updateText').textContent = Object.keys(spare).map((key) => `${key.replaceAll('_', ' ')} ${number(spare[key][i], 5)}`).join(' · ');
   }}));
+  box.replaceChildren();
   for (const [key, title] of curves) {
     const y = (train[key] || []).map((value) => key === 'rss_bytes' ? value / 1e6 : value);
-    const svg = shape('svg', {viewBox: '0 0 320 140', role: 'img', 'aria-label': title + ' against iteration'}, box);
+    const svg = shape('svg', {viewBox: '0 0 320 140', role: 'group', 'aria-label': title + ' against iteration', 'data-key': key}, box);
     plot(svg, title, [{x, y, name: key}], marks);
   }
+  const again = focused && box.querySelector(`[data-key=${focused.ownerSVGElement.dataset.key}] [data-x="${focused.dataset.x}"]`);
+  if (again) again.focus({preventScroll: true});
 }
 
 onMessage('history', (message) => {
@@ -52,8 +59,8 @@ onMessage('progress', (message) => {
   byId('runProgress').hidden = false;
   byId('runProgress').value = message.iteration / Math.max(1, message.total);
   byId('runText').textContent = (message.finished ? 'Finished. ' : message.paused ? 'Paused. ' : '') +
-    `Iteration ${message.iteration} of ${message.total} · ${number(message.rate, 3)} it/s · ` +
-    `${duration(message.eta)} left · loss ${number(message.loss)} · PSNR ${number(message.psnr)} dB · ` +
+    `Iteration ${message.iteration} of ${message.total} · ` +
+    (message.finished ? '' : `${number(message.rate, 3)} it/s · ${duration(message.eta)} left · `) + `loss ${number(message.loss)} · PSNR ${number(message.psnr)} dB · ` +
     `${message.gaussians.toLocaleString('en')} primitives · ${number(message.rss / 1e6, 4)} MB`;
   byId('pause').textContent = message.paused ? 'Continue' : 'Pause';
   byId('pause').setAttribute('aria-pressed', String(Boolean(message.paused)));
@@ -66,7 +73,10 @@ onMessage('progress', (message) => {
 });
 
 byId('pause').onclick = () => send({type: 'run', action: viewer.progress && viewer.progress.paused ? 'continue' : 'pause'});
-byId('checkpoint').onclick = () => send({type: 'run', action: 'checkpoint'});
+byId('checkpoint').onclick = () => {
+  send({type: 'run', action: 'checkpoint'});
+  showMessage('Checkpoint requested');
+};
 byId('stop').onclick = () => {
   if (window.confirm('Stop the training after this iteration and save it?')) send({type: 'run', action: 'stop'});
 };

@@ -12,6 +12,9 @@ function cropFields(box, prefix, names) {
     input.type = 'number';
     input.step = 'any';
     input.id = prefix + name;
+    const limit = prefix !== 'box_' ? name : (name === name.toLowerCase() ? 'minimum ' : 'maximum ') + name.toLowerCase();
+    input.title = limit;
+    input.setAttribute('aria-label', limit);
     input.onchange = cropChanged;
   }
 }

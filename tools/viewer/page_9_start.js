@@ -24,7 +24,9 @@ function reset() {
   photo.removeAttribute('src');
   resetCrop();
   for (const name of ['frame', 'probe', 'ray', 'region', 'history', 'progress']) viewer[name] = null;
-  for (const id of ['value', 'pixelText', 'regionText']) byId(id).textContent = '';
+  for (const id of ['value', 'message', 'pixelText', 'regionText']) byId(id).textContent = '';
+  chosenUpdate = null;
+  byId('updateText').textContent = updateHint;
   for (const id of ['pixelPlot', 'regionPlot', 'plots']) byId(id).replaceChildren();
   for (const id of ['pixelTable', 'regionTable']) byId(id).tBodies[0].replaceChildren();
 }
@@ -34,14 +36,15 @@ onMessage('hello', (hello) => {
   viewer.hello = hello;
   if (!stays) ++viewer.models;
   if (before && !stays) reset();
-  const name = hello.model.split('/').filter(Boolean).pop() || hello.model;
-  document.title = byId('title').textContent = name + ' · sparegs';
+  document.title = byId('title').textContent = modelName() + ' · sparegs';
+  byId('title').title = hello.model;
   fillSelect(byId('aov'), hello.aovs.map((aov) => [aov.name, aov.name.replaceAll('_', ' ')]));
   fillSelect(byId('lens'), [['-1', 'pinhole'], ...hello.views.map((view, index) => [String(index), `${view.name} (${view.lens})`])]);
   drawRamp(hello.ramp);
   setUp();
   listPhotographs(hello.views);
   byId('photosBox').hidden = !hello.views.length;
+  for (const id of ['compare', 'gain']) byId(id).disabled = !hello.views.some((view) => view.photo);
   byId('regionBox').hidden = !hello.aovs.some((aov) => aov.name === 'region');
   for (const id of ['log', 'rangeLow', 'rangeHigh']) byId(id).disabled = !rampOf(byId('aov').value);
   startCrop(hello);

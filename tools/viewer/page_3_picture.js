@@ -41,7 +41,7 @@ function showPicture(head, bitmap) {
     `${rate} fps · ${head.gaussians.toLocaleString('en')} primitives` + (head.iteration ? ` · iteration ${head.iteration}` : '');
   showBar(head);
   if (head.removed !== undefined)
-    byId('cropText').textContent = `${head.removed.toLocaleString('en')} of ${head.gaussians.toLocaleString('en')} primitives are removed`;
+    byId('cropText').textContent = `${head.removed.toLocaleString('en')} of ${head.gaussians.toLocaleString('en')} primitives are removed${cropProblem()}`;
   compareAgain();
 }
 

@@ -37,6 +37,10 @@ function cropValues() {
   return crop;
 }
 
+function cropProblem() {
+  return byId('sphereOn').checked && !cropValues().sphere ? '. The sphere requires four numbers and is not applied' : '';
+}
+
 function quoted(text) {
   return /^[\w./+-]+$/.test(text) ? text : "'" + text.replaceAll("'", "'\\''") + "'";
 }

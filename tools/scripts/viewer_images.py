@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Makes the pictures of the viewer in tools/manual/images anew, with headless Chromium.
+`python3 tools/scripts/viewer_images.py PROGRAM RUN SCENE`, after
+`sparegs train tests/data/room -o RUN --iterations 1500 --eval`."""
+
+import os
+import subprocess
+import sys
+import tempfile
+
+root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+sys.path.insert(0, os.path.join(root, "tests", "cli"))
+from devtools import Browser, find_browser  # noqa: E402
+
+program, run_folder, scene = sys.argv[1:4]
+images = os.path.join(root, "tools", "manual", "images")
+EXACT = "viewer.frame && viewer.frame.lossless && viewer.frame.serial === viewer.serial"
+
+
+def require(condition, name):
+    if condition is None:
+        sys.exit(f"viewer_images: {name} did not appear")
+
+
+def opened(*command):
+    """A process that prints its address, and its page with all parts closed."""
+    process = subprocess.Popen([program, *command], stdout=subprocess.PIPE, text=True)
+    page = Browser(find_browser(), 1000, 600)
+    page.open(process.stdout.readline().strip())
+    require(page.wait("window.viewer && viewer.shown.length > 0", 60), "the first frame")
+    return process, page
+
+
+def show(page, *parts):
+    page.run(f"document.querySelectorAll('#sections > details').forEach((part) => {{ part.open = {list(parts)}.includes(part.id); }})")
+
+
+def finish(process, page, name):
+    page.screenshot(os.path.join(images, name))
+    page.close()
+    process.terminate()
+    process.wait()
+
+
+def stored(name, prepare):
+    process, page = opened("view", run_folder, scene, "--port", "0", "--quiet")
+    require(page.wait(EXACT, 60), "the exact frame")
+    prepare(page)
+    require(page.wait(EXACT, 60), "the exact frame")
+    finish(process, page, name)
+
+
+def depth(page):
+    page.run("byId('aov').value = 'depth'; byId('aov').dispatchEvent(new Event('change'))")
+    require(page.wait("viewer.frame.aov === 'depth' && " + EXACT, 60), "the depth")
+    page.mouse("mouseMoved", 250, 280)
+    require(page.wait("byId('value').textContent !== ''"), "the value")
+
+
+def pixel(page):
+    show(page, "pixelBox")
+    page.click(285, 395)
+    require(page.wait("viewer.region !== null"), "the list of the pixel")
+    show(page, "pixelBox")
+
+
+def training():
+    with tempfile.TemporaryDirectory() as folder:
+        process, page = opened("train", scene, "-o", os.path.join(folder, "room"), "--iterations", "800", "--view", "0", "--quiet")
+        show(page, "runBox")
+        page.run("byId('frusta').click()")
+        require(page.wait("viewer.progress && viewer.progress.iteration > 550", 600), "iteration 550")
+        page.run("byId('pause').click()")
+        require(page.wait("viewer.progress.paused && viewer.frame.iteration === viewer.progress.iteration && " + EXACT, 60), "the pause")
+        page.run("send({type: 'history'})")
+        require(page.wait("byId('plots').children.length > 0"), "the curves")
+        page.wait("false", 2)
+        finish(process, page, "viewer-training.png")
+
+
+stored("viewer.png", depth)
+stored("viewer-pixel.png", pixel)
+training()

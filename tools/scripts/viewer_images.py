@@ -1,14 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Makes the pictures of the viewer in tools/manual/images anew, with headless Chromium.
+"""Makes viewer.png and viewer-pixel.png in tools/manual/images anew, with headless Chromium.
 `python3 tools/scripts/viewer_images.py PROGRAM RUN SCENE`, after
-`sparegs train tests/data/room -o RUN --iterations 1500 --eval`."""
+`sparegs train tests/data/room -o RUN --iterations 3000 --eval`. Pillow, if installed, reduces them to 256 colours."""
 
 import os
 import subprocess
 import sys
-import tempfile
+
+try:
+    from PIL import Image
+except ImportError:
+    Image = None
 
 root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 sys.path.insert(0, os.path.join(root, "tests", "cli"))
@@ -25,7 +29,7 @@ def require(condition, name):
 
 
 def opened(*command):
-    """A process that prints its address, and its page with all parts closed."""
+    """A process that prints its address, and its page."""
     process = subprocess.Popen([program, *command], stdout=subprocess.PIPE, text=True)
     page = Browser(find_browser(), 1000, 600)
     page.open(process.stdout.readline().strip())
@@ -38,7 +42,10 @@ def show(page, *parts):
 
 
 def finish(process, page, name):
-    page.screenshot(os.path.join(images, name))
+    path = os.path.join(images, name)
+    page.screenshot(path)
+    if Image:
+        Image.open(path).convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
     page.close()
     process.terminate()
     process.wait()
@@ -66,20 +73,5 @@ def pixel(page):
     show(page, "pixelBox")
 
 
-def training():
-    with tempfile.TemporaryDirectory() as folder:
-        process, page = opened("train", scene, "-o", os.path.join(folder, "room"), "--iterations", "800", "--view", "0", "--quiet")
-        show(page, "runBox")
-        page.run("byId('frusta').click()")
-        require(page.wait("viewer.progress && viewer.progress.iteration > 550", 600), "iteration 550")
-        page.run("byId('pause').click()")
-        require(page.wait("viewer.progress.paused && viewer.frame.iteration === viewer.progress.iteration && " + EXACT, 60), "the pause")
-        page.run("send({type: 'history'})")
-        require(page.wait("byId('plots').children.length > 0"), "the curves")
-        page.wait("false", 2)
-        finish(process, page, "viewer-training.png")
-
-
 stored("viewer.png", depth)
 stored("viewer-pixel.png", pixel)
-training()

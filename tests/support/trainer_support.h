@@ -2,9 +2,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Trainers whose creation and steps must succeed. Include after cmocka.h.
+// The bundled scene, and trainers whose creation and steps must succeed. Include after cmocka.h.
 
+#include "sparegs/scene.h"
 #include "sparegs/trainer.h"
+
+// For the setup of a group: 0 on success. The caller destroys *scene.
+static inline int room_load(int downscale, sgs_scene **scene)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = downscale;
+    return sgs_scene_load(SGSI_TEST_DATA "/room", &options, scene) != SGS_STATUS_OK;
+}
 
 // The caller destroys it.
 static inline sgs_trainer *trainer_create(const sgs_scene *scene, const sgs_train_options *options)

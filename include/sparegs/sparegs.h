@@ -8,8 +8,9 @@
 #include "sparegs/status.h"
 #include "sparegs/version.h"
 
-// Process-wide settings.
+// Process-wide settings; files.
 #include "sparegs/runtime.h"
+#include "sparegs/output_file.h"
 
 // Data: cameras, images, the model, scenes.
 #include "sparegs/camera.h"

@@ -248,134 +248,6 @@ size_t sgsi_byte_order_mark(const uint8_t *text)
     return text[0] == 0xef && text[1] == 0xbb && text[2] == 0xbf ? 3 : 0;
 }
 
-// The number makes the names of a process unique, also of threads that write the same file.
-static char *temporary_name(const char *path)
-{
-    static atomic_uint writes;
-    const unsigned number = atomic_fetch_add_explicit(&writes, 1, memory_order_relaxed);
-    return sgsi_format("%s.tmp.%ld%06u", path, (long)getpid(), number % 1000000);
-}
-
-// The file that an output to `path` replaces: where `path` is a symbolic link, the file it points
-// to.
-static sgs_status find_target(const char *path, char **target)
-{
-    struct stat info;
-    const bool is_link = !lstat(path, &info) && S_ISLNK(info.st_mode);
-    char *real = is_link ? realpath(path, NULL) : NULL;
-    if (is_link && !real)
-        return sgsi_fail(SGS_STATUS_IO,
-                         "%s: is a symbolic link that cannot be followed: %s; remove it or choose "
-                         "another name",
-                         path, strerror(errno));
-    *target = sgsi_strdup(is_link ? real : path);
-    free(real);
-    return SGS_STATUS_OK;
-}
-
-sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path)
-{
-    struct stat info;
-    *file = (sgsi_atomic_file){0};
-    if (!stat(path, &info) && !S_ISREG(info.st_mode) && !S_ISDIR(info.st_mode))
-        return sgsi_fail(SGS_STATUS_IO,
-                         "%s: is a device or a pipe, which the file would replace; choose the name "
-                         "of a file",
-                         path);
-    const sgs_status status = find_target(path, &file->target);
-    if (status)
-        return status;
-    file->path = sgsi_strdup(path);
-    file->temporary = file->target ? temporary_name(file->target) : NULL;
-    if (!file->path || !file->temporary) {
-        sgsi_atomic_abort(file);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
-    }
-    file->stream = fopen(file->temporary, "wb");
-    if (!file->stream) {
-        const int code = errno;
-        sgsi_atomic_abort(file);
-        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", path, strerror(code));
-    }
-    return SGS_STATUS_OK;
-}
-
-void sgsi_folder_sync(const char *path)
-{
-    const int descriptor = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (descriptor < 0)
-        return;
-    fsync(descriptor);
-    close(descriptor);
-}
-
-static void sync_folder_of(const char *path)
-{
-    char folder[4096] = ".";
-    const char *slash = strrchr(path, '/');
-    if (slash)
-        snprintf(folder, sizeof folder, "%.*s", (int)(slash - path + (slash == path)), path);
-    sgsi_folder_sync(folder);
-}
-
-// Why an earlier write to the temporary file failed: errno of a further one, 0 if that succeeds.
-static int write_fault(FILE *stream)
-{
-    static const char block[4096];
-    errno = 0;
-    for (int k = 0; k < 2; ++k) // the first one may fill the last block of a full disk
-        if (write(fileno(stream), block, sizeof block) < 0)
-            return errno;
-    return 0;
-}
-
-sgs_status sgsi_atomic_commit(sgsi_atomic_file *file)
-{
-    errno = 0;
-    const bool written =
-        !fflush(file->stream) && !ferror(file->stream) && !fsync(fileno(file->stream));
-    int code = written || errno ? errno : write_fault(file->stream);
-    const bool closed = !fclose(file->stream);
-    file->stream = NULL;
-    if (written && closed && !rename(file->temporary, file->target)) {
-        sync_folder_of(file->target);
-        sgsi_free(file->path);
-        sgsi_free(file->target);
-        sgsi_free(file->temporary);
-        *file = (sgsi_atomic_file){0};
-        return SGS_STATUS_OK;
-    }
-    if (written)
-        code = errno;
-    const sgs_status status = sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", file->path,
-                                        code ? strerror(code) : "disk full?");
-    sgsi_atomic_abort(file);
-    return status;
-}
-
-void sgsi_atomic_abort(sgsi_atomic_file *file)
-{
-    if (file->stream)
-        fclose(file->stream);
-    if (file->temporary)
-        unlink(file->temporary);
-    sgsi_free(file->path);
-    sgsi_free(file->target);
-    sgsi_free(file->temporary);
-    *file = (sgsi_atomic_file){0};
-}
-
-sgs_status sgsi_file_write(const char *path, const uint8_t *bytes, size_t size)
-{
-    sgsi_atomic_file file;
-    const sgs_status status = sgsi_atomic_open(&file, path);
-    if (status)
-        return status;
-    if (size)
-        fwrite(bytes, 1, size, file.stream); // an error stays with the stream and fails the commit
-    return sgsi_atomic_commit(&file);
-}
-
 bool sgsi_is_file(const char *path)
 {
     struct stat info;
@@ -412,6 +284,15 @@ sgs_status sgsi_make_folder(const char *path)
     if (stat(path, &info) || !S_ISDIR(info.st_mode))
         return sgsi_fail(SGS_STATUS_IO, "%s: is not a folder", path);
     return SGS_STATUS_OK;
+}
+
+void sgsi_folder_sync(const char *path)
+{
+    const int descriptor = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (descriptor < 0)
+        return;
+    fsync(descriptor);
+    close(descriptor);
 }
 
 double sgsi_seconds(void)

@@ -3,7 +3,7 @@
 #pragma once
 
 // Shared internals of the library: error messages, warnings, aligned memory, checked sizes,
-// reading files, replacing files atomically, clock, random numbers. Independent of Gaussians.
+// reading files, clock, random numbers. Independent of Gaussians.
 
 #include <stdarg.h>
 #include <stdbool.h>
@@ -78,26 +78,6 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
 // Length of the byte order mark with which programs on Windows begin UTF-8 files, 3 or 0. `text`
 // ends with NUL, as the bytes of sgsi_file_read do.
 size_t sgsi_byte_order_mark(const uint8_t *text);
-
-// Writes a file atomically: "PATH.tmp.NUMBER" is written, flushed, synced and then renamed to PATH.
-// NUMBER consists of the process id and six digits that count the files of the process. Threads may
-// write the same path at the same time: the last commit wins. Where PATH is a symbolic link, this
-// happens to the file it points to; a link that leads nowhere is refused.
-typedef struct sgsi_atomic_file {
-    FILE *stream;
-    char *path, *target, *temporary; // target: path, or where the link leads
-} sgsi_atomic_file;
-
-// Fails with IO (also for a device or a pipe, which the file would replace) or OUT_OF_MEMORY; the
-// file then needs neither commit nor abort.
-sgs_status sgsi_atomic_open(sgsi_atomic_file *file, const char *path);
-// Renames into place. After a write error it removes the temporary file and fails with IO.
-sgs_status sgsi_atomic_commit(sgsi_atomic_file *file);
-// Removes the temporary file; no effect after commit or a failed open.
-void sgsi_atomic_abort(sgsi_atomic_file *file);
-
-// Writes a whole file atomically. Fails with IO or OUT_OF_MEMORY.
-sgs_status sgsi_file_write(const char *path, const uint8_t *bytes, size_t size);
 
 // True for a regular file or for a folder, respectively; follows links.
 bool sgsi_is_file(const char *path);

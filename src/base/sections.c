@@ -17,6 +17,7 @@
 #include <string.h>
 #include <xxhash.h>
 
+#include "sparegs/output_file.h"
 #include "sparegs/runtime.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
@@ -63,12 +64,12 @@ void sgsi_sections_measure(sgsi_sections *sections)
 sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
 {
     *sections = (sgsi_sections){.pass = SGSI_SECTIONS_WRITE, .path = path};
-    const sgs_status status = sgsi_atomic_open(&sections->file, path);
+    const sgs_status status = sgs_output_file_open(&sections->file, path);
     if (status)
         return status;
     sections->hash = XXH64_createState();
     if (!sections->hash) {
-        sgsi_atomic_abort(&sections->file);
+        sgs_output_file_abort(&sections->file);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
     }
     XXH64_reset(sections->hash, 0);
@@ -98,8 +99,8 @@ sgs_status sgsi_sections_commit(sgsi_sections *sections)
     XXH64_freeState(sections->hash);
     sections->hash = NULL;
     if (!sections->status)
-        return sgsi_atomic_commit(&sections->file);
-    sgsi_atomic_abort(&sections->file);
+        return sgs_output_file_commit(&sections->file);
+    sgs_output_file_abort(&sections->file);
     return sections->status;
 }
 

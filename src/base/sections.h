@@ -14,6 +14,7 @@
 #include <stdint.h>
 
 #include "base/core.h"
+#include "sparegs/output_file.h"
 
 enum { SGSI_SECTION_NAME = 16, SGSI_SECTIONS_MOST = 64 };
 
@@ -38,7 +39,7 @@ typedef struct sgsi_sections {
     // MEASURE
     size_t measured; // bytes of the complete file
     // WRITE
-    sgsi_atomic_file file;
+    sgs_output_file file;
     void *hash;
     // CHECK and READ
     uint8_t *bytes;

@@ -17,6 +17,7 @@
 // the count of the header is bounded by the size of the file.
 
 #include "compress/container.h"
+#include "sparegs/output_file.h"
 
 #include <libdeflate.h>
 #include <stdio.h>
@@ -140,14 +141,14 @@ sgs_status sgsi_packer_write(sgsi_packer *packer, const char *path, size_t *byte
     uint8_t table[HEADER_BYTES + SGSI_CONTAINER_SECTIONS * ENTRY_BYTES + DIGEST_BYTES] = {0};
     *bytes = file_bytes(packer);
     const size_t table_bytes = fill_table(packer, *bytes, table);
-    sgsi_atomic_file file;
-    const sgs_status status = sgsi_atomic_open(&file, path);
+    sgs_output_file file;
+    const sgs_status status = sgs_output_file_open(&file, path);
     if (status)
         return status;
     fwrite(table, 1, table_bytes, file.stream); // the commit reports a failed write
     for (size_t s = 0; s < packer->count; ++s)
         fwrite(packer->sections[s].data, 1, packer->sections[s].stored, file.stream);
-    return sgsi_atomic_commit(&file);
+    return sgs_output_file_commit(&file);
 }
 
 void sgsi_packer_free(sgsi_packer *packer)

@@ -12,6 +12,7 @@
 #include "base/core.h"
 #include "formats/model_rows.h"
 #include "formats/unpack.h"
+#include "sparegs/output_file.h"
 
 enum {
     LOCAL_BYTES = 30,
@@ -243,7 +244,7 @@ sgs_status sgsi_archive_write(const char *path, const sgsi_archive_file *files, 
     sgsi_store_u16(central + 10, (uint32_t)count);
     sgsi_store_u32(central + 12, (uint32_t)((size_t)(central - bytes) - directory));
     sgsi_store_u32(central + 16, (uint32_t)directory);
-    const sgs_status status = sgsi_file_write(path, bytes, total);
+    const sgs_status status = sgs_output_file_write(path, bytes, total);
     sgsi_free(bytes);
     *written += total;
     return status;

@@ -17,6 +17,7 @@
 #include "formats/model_rows.h"
 #include "formats/ply_header.h"
 #include "formats/row_order.h"
+#include "sparegs/output_file.h"
 
 enum { CHUNK_SIZE = 256, BOUND_COUNT = 18, OLD_BOUND_COUNT = 12, WORD_COUNT = 4, MAX_REST = 45 };
 
@@ -363,7 +364,7 @@ sgs_status sgsi_compressed_ply_write(const char *path, const sgs_gaussians *mode
     sgs_status status = sgsi_order_by_position(model, &order);
     uint8_t *bytes = status ? NULL : sgsi_alloc(size + 1, 1);
     sgsi_splat *splats = bytes ? sgsi_alloc(CHUNK_SIZE, sizeof *splats) : NULL;
-    sgsi_atomic_file file = {0};
+    sgs_output_file file = {0};
     if (!status && !splats)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
     for (size_t chunk = 0; !status && chunk < chunks; ++chunk) {
@@ -377,12 +378,12 @@ sgs_status sgsi_compressed_ply_write(const char *path, const sgs_gaussians *mode
                      bytes + words_at + 4 * WORD_COUNT * begin);
     }
     if (!status)
-        status = sgsi_atomic_open(&file, path);
+        status = sgs_output_file_open(&file, path);
     if (!status) {
         write_header(file.stream, count, chunks, rest, options);
         fwrite(bytes, 1, size, file.stream); // an error stays with the stream and fails the commit
         written->bytes = (uint64_t)ftell(file.stream);
-        status = sgsi_atomic_commit(&file);
+        status = sgs_output_file_commit(&file);
     }
     written->order = SGS_ROWS_MORTON;
     sgsi_free(order);

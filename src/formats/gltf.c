@@ -20,6 +20,7 @@
 #include "formats/model_rows.h"
 #include "model/similarity.h"
 #include "sparegs/camera.h"
+#include "sparegs/output_file.h"
 #include "sparegs/version.h"
 
 enum {
@@ -668,7 +669,7 @@ sgs_status sgsi_glb_write(const char *path, const sgs_gaussians *model,
         sgsi_store_u32(bytes + bin_at - 4, BIN_CHUNK);
         writer.bin = bytes + bin_at;
         fill_columns(&writer, offsets);
-        status = sgsi_file_write(path, bytes, total);
+        status = sgs_output_file_write(path, bytes, total);
         written->bytes = total;
     } else if (!status) {
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);

@@ -17,6 +17,7 @@
 #include "base/core.h"
 #include "base/keyed_rows.h"
 #include "formats/model_rows.h"
+#include "sparegs/output_file.h"
 
 enum {
     HEADER_BYTES = 4096,
@@ -465,7 +466,7 @@ sgs_status sgsi_ksplat_write(const char *path, const sgs_gaussians *model,
                        level ? buckets.centers + 3 * (size_t)buckets.ranks[i] : NULL, sh_range,
                        data + rows_at + row_size * i);
         }
-        status = sgsi_file_write(path, bytes, size);
+        status = sgs_output_file_write(path, bytes, size);
     }
     written->bytes = size;
     written->order = level ? SGS_ROWS_BUCKETS : SGS_ROWS_KEPT;

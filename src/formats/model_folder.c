@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "base/core.h"
+#include "sparegs/output_file.h"
 
 static sgs_status fail_memory(const sgsi_model_folder *folder)
 {
@@ -85,7 +86,7 @@ sgs_status sgsi_model_folder_put(sgsi_model_folder *folder, const char *name, co
     if (!status)
         status = add_file(folder, name, true);
     if (!status)
-        status = sgsi_file_write(path, bytes, size);
+        status = sgs_output_file_write(path, bytes, size);
     const size_t length = strlen(path);
     if (status == SGS_STATUS_IO && !strncmp(sgs_last_error(), path, length)) // names the final file
         sgsi_record_error("%s/%s%s", folder->path, name, sgs_last_error() + length);

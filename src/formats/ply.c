@@ -26,6 +26,7 @@
 #include "formats/ply_header.h"
 #include "formats/ply_parts.h"
 #include "model/filter_3d.h"
+#include "sparegs/output_file.h"
 
 enum {
     REST_PER_CHANNEL = 15,
@@ -404,7 +405,7 @@ static uint8_t *put_float(uint8_t *at, float value)
 }
 
 // Fails early if the disk is full.
-static sgs_status put_chunk(const sgsi_atomic_file *file, const uint8_t *bytes, size_t size)
+static sgs_status put_chunk(const sgs_output_file *file, const uint8_t *bytes, size_t size)
 {
     errno = 0;
     if (fwrite(bytes, 1, size, file->stream) == size)
@@ -441,7 +442,7 @@ static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
     return at;
 }
 
-static sgs_status write_rows(const row_writer *writer, const sgsi_atomic_file *file)
+static sgs_status write_rows(const row_writer *writer, const sgs_output_file *file)
 {
     uint8_t chunk[CHUNK_ROWS * MAX_COLUMNS * sizeof(float)];
     for (size_t begin = 0; begin < writer->count; begin += CHUNK_ROWS) {
@@ -457,12 +458,12 @@ static sgs_status write_rows(const row_writer *writer, const sgsi_atomic_file *f
 }
 
 // Takes ownership of `file`: commits or removes it.
-static sgs_status write_file(const row_writer *writer, sgsi_atomic_file *file)
+static sgs_status write_file(const row_writer *writer, sgs_output_file *file)
 {
     const sgs_status status = write_rows(writer, file);
     if (!status)
-        return sgsi_atomic_commit(file);
-    sgsi_atomic_abort(file);
+        return sgs_output_file_commit(file);
+    sgs_output_file_abort(file);
     return status;
 }
 
@@ -479,12 +480,12 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
 // Opens the file and writes the header for `count` rows of models like this one.
 static sgs_status begin_model(const char *path, const sgs_gaussians *model, size_t count,
                               const sgsi_ply_contents *contents, row_writer *writer,
-                              sgsi_atomic_file *file)
+                              sgs_output_file *file)
 {
     if (model->sh_degree < 0 || model->sh_degree > 3)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d is not within 0 to 3", path,
                          model->sh_degree);
-    const sgs_status status = sgsi_atomic_open(file, path);
+    const sgs_status status = sgs_output_file_open(file, path);
     if (status)
         return status;
     *writer = (row_writer){.model = model, .count = model->count};
@@ -514,7 +515,7 @@ static sgs_status begin_model(const char *path, const sgs_gaussians *model, size
 static sgs_status write_model(const char *path, const sgs_gaussians *model,
                               const sgsi_ply_contents *contents, const float *filter_3d)
 {
-    sgsi_atomic_file file;
+    sgs_output_file file;
     row_writer writer;
     const sgs_status status = begin_model(path, model, model->count, contents, &writer, &file);
     writer.filter_3d = filter_3d;
@@ -525,7 +526,7 @@ static sgs_status write_model(const char *path, const sgs_gaussians *model,
 
 struct sgsi_ply_parts {
     row_writer writer;
-    sgsi_atomic_file file;
+    sgs_output_file file;
     sgs_status status;
 };
 
@@ -557,9 +558,9 @@ sgs_status sgsi_ply_parts_end(sgsi_ply_parts *parts, bool complete)
 {
     sgs_status status = parts->status;
     if (status || !complete)
-        sgsi_atomic_abort(&parts->file);
+        sgs_output_file_abort(&parts->file);
     else
-        status = sgsi_atomic_commit(&parts->file);
+        status = sgs_output_file_commit(&parts->file);
     sgsi_free(parts);
     return status;
 }
@@ -588,8 +589,8 @@ sgs_status sgsi_ply_model_write(const char *path, const sgs_gaussians *model,
 sgs_status sgs_ply_write_points(const char *path, const float *points, const unsigned char *colors,
                                 size_t n)
 {
-    sgsi_atomic_file file;
-    const sgs_status status = sgsi_atomic_open(&file, path);
+    sgs_output_file file;
+    const sgs_status status = sgs_output_file_open(&file, path);
     if (status)
         return status;
     const row_writer writer = {.points = points, .colors = colors, .count = n};

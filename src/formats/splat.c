@@ -16,6 +16,7 @@
 #include "base/core.h"
 #include "formats/model_rows.h"
 #include "formats/row_order.h"
+#include "sparegs/output_file.h"
 
 enum { SPLAT_BYTES = 32 };
 
@@ -93,7 +94,7 @@ sgs_status sgsi_splat_write(const char *path, const sgs_gaussians *model,
         encode(&splat, bytes + i * SPLAT_BYTES);
     }
     if (!status)
-        status = sgsi_file_write(path, bytes, model->count * SPLAT_BYTES);
+        status = sgs_output_file_write(path, bytes, model->count * SPLAT_BYTES);
     sgsi_free(bytes);
     sgsi_free(order);
     written->bytes = model->count * SPLAT_BYTES;

@@ -28,6 +28,7 @@
 #include "base/threads.h"
 #include "formats/model_rows.h"
 #include "formats/unpack.h"
+#include "sparegs/output_file.h"
 
 enum {
     MAGIC = 0x5053474E, // "NGSP"
@@ -515,7 +516,7 @@ static sgs_status write_version_4(const char *path, const spz_file *file,
             memcpy(bytes + at, packing.out[k], packing.out_size[k]);
             at += packing.out_size[k];
         }
-        status = sgsi_file_write(path, bytes, total);
+        status = sgs_output_file_write(path, bytes, total);
         *written = total;
     } else {
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
@@ -538,7 +539,7 @@ static sgs_status write_gzip(const char *path, const uint8_t *bytes, size_t size
         status = sgsi_pack(SGSI_PACKING_GZIP, 0, bytes, size, &packed, &packed_size);
     }
     if (!status)
-        status = sgsi_file_write(path, packed, packed_size);
+        status = sgs_output_file_write(path, packed, packed_size);
     sgsi_free(packed);
     *written = packed_size;
     return status;

@@ -15,6 +15,7 @@
 #include "base/core.h"
 #include "base/plain_numbers.h"
 #include "formats/model_rows.h"
+#include "sparegs/output_file.h"
 
 static const size_t WARN_COUNT = 2000000;
 static const double APERTURE = 36.0; // mm; only ratios matter
@@ -185,8 +186,8 @@ static void write_layer(FILE *stream, const sgs_gaussians *model,
 sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written)
 {
-    sgsi_atomic_file file;
-    const sgs_status status = sgsi_atomic_open(&file, path);
+    sgs_output_file file;
+    const sgs_status status = sgs_output_file_open(&file, path);
     if (status)
         return status;
     if (model->count > WARN_COUNT)
@@ -196,5 +197,5 @@ sgs_status sgsi_usd_write(const char *path, const sgs_gaussians *model,
     write_layer(file.stream, model, options);
     sgsi_plain_numbers_end(&numbers);
     written->bytes = (uint64_t)ftell(file.stream);
-    return sgsi_atomic_commit(&file);
+    return sgs_output_file_commit(&file);
 }

@@ -12,6 +12,7 @@
 #include "formats/model_format.h"
 #include "formats/row_order.h"
 #include "formats/sog.h"
+#include "sparegs/output_file.h"
 
 extern const char web_page[]; // generated from web_page.html, .css and .js
 
@@ -121,22 +122,22 @@ sgs_status sgsi_web_page_write(const char *path, const sgs_gaussians *model,
                                const sgs_model_write_options *options, sgs_model_written *written)
 {
     sgsi_archive_file files[SGSI_SOG_FILES] = {0};
-    sgsi_atomic_file file;
+    sgs_output_file file;
     size_t file_count = 0;
     if (!model->count)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a page needs at least one primitive",
                          path);
     sgs_status status = sgsi_sog_encode_model(model, options, files, &file_count);
     if (!status)
-        status = sgsi_atomic_open(&file, path);
+        status = sgs_output_file_open(&file, path);
     if (!status) {
         const char *slash = strrchr(path, '/');
         if (!write_page(file.stream, slash ? slash + 1 : path, options, files, file_count)) {
-            sgsi_atomic_abort(&file);
+            sgs_output_file_abort(&file);
             status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the page", path);
         } else {
             written->bytes = (uint64_t)ftell(file.stream);
-            status = sgsi_atomic_commit(&file);
+            status = sgs_output_file_commit(&file);
         }
     }
     written->order = SGS_ROWS_MORTON;

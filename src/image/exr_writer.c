@@ -26,6 +26,7 @@
 
 #include "image/exr_zip.h"
 #include "image/primaries.h"
+#include "sparegs/output_file.h"
 #include "sparegs/runtime.h"
 #include "base/threads.h"
 
@@ -260,7 +261,7 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
     memcpy(sorted, columns, (size_t)column_count * sizeof *sorted);
     qsort(sorted, (size_t)column_count, sizeof *sorted, compare_columns);
-    sgs_status status = sgsi_atomic_open(&writer->file, path);
+    sgs_status status = sgs_output_file_open(&writer->file, path);
     if (!status) {
         exr_context_initializer_t setup = sgsi_exr_setup(writer);
         setup.write_fn = write_bytes;
@@ -295,8 +296,8 @@ sgs_status sgsi_exr_close(sgsi_exr_writer *writer, exr_result_t result)
     const exr_result_t finished = exr_finish(&writer->context); // writes the chunk table
     sgs_status status = sgsi_exr_check(writer, result ? result : finished);
     if (!status)
-        status = sgsi_atomic_commit(&writer->file);
-    sgsi_atomic_abort(&writer->file);
+        status = sgs_output_file_commit(&writer->file);
+    sgs_output_file_abort(&writer->file);
     return status;
 }
 

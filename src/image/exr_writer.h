@@ -9,6 +9,7 @@
 
 #include "base/core.h"
 #include "sparegs/image.h"
+#include "sparegs/output_file.h"
 
 // Level of ZIP for floats. They hardly shrink more at higher ones: 0.776 of their size at level 1,
 // 0.765 at 6, over all AOVs of a trained model.
@@ -18,7 +19,7 @@ enum { SGSI_EXR_MAX_SIDE = 65536, SGSI_EXR_FLOAT_LEVEL = 1 };
 exr_context_initializer_t sgsi_exr_setup(void *user);
 
 typedef struct sgsi_exr_writer {
-    sgsi_atomic_file file;
+    sgs_output_file file;
     exr_context_t context;
     const char *path; // borrowed
     int write_error;  // errno of the first failed write

@@ -17,6 +17,7 @@
 
 #include "base/core.h"
 #include "image/image_oiio.h"
+#include "sparegs/output_file.h"
 
 // Returns the marker that ends a scan. In entropy-coded data, 0xff is followed by 0 or a restart
 // marker only.
@@ -272,11 +273,11 @@ sgs_status sgs_png_write_described(const char *path, const sgs_image8 *image,
     sgs_status status = sgsi_oiio_png_encode(path, image, description, &bytes, &size);
     if (status)
         return status;
-    sgsi_atomic_file file;
-    status = sgsi_atomic_open(&file, path);
+    sgs_output_file file;
+    status = sgs_output_file_open(&file, path);
     if (!status) {
         fwrite(bytes, 1, size, file.stream); // an error stays with the stream and fails the commit
-        status = sgsi_atomic_commit(&file);
+        status = sgs_output_file_commit(&file);
     }
     sgsi_free(bytes);
     return status;

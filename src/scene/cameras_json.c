@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "sparegs/output_file.h"
 
 static json_t *position_of(const sgs_pose *pose)
 {
@@ -76,12 +77,12 @@ sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_t count,
     if (!text)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write %zu cameras", path,
                          count);
-    sgsi_atomic_file file;
-    sgs_status status = sgsi_atomic_open(&file, path);
+    sgs_output_file file;
+    sgs_status status = sgs_output_file_open(&file, path);
     if (!status) {
         fputs(text, file.stream);
         fputc('\n', file.stream);
-        status = sgsi_atomic_commit(&file);
+        status = sgs_output_file_commit(&file);
     }
     free(text);
     return status;

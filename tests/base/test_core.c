@@ -15,6 +15,7 @@
 #include <cmocka.h>
 
 #include "base/core.h"
+#include "sparegs/output_file.h"
 #include "support/files_support.h"
 
 // ---- Files that are replaced ----
@@ -33,9 +34,9 @@ static void two_open_writes_of_a_file_are_separate(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     const char *path = temp_path(&folder, "file");
-    sgsi_atomic_file first, second;
-    assert_int_equal(sgsi_atomic_open(&first, path), SGS_STATUS_OK);
-    assert_int_equal(sgsi_atomic_open(&second, path), SGS_STATUS_OK);
+    sgs_output_file first, second;
+    assert_int_equal(sgs_output_file_open(&first, path), SGS_STATUS_OK);
+    assert_int_equal(sgs_output_file_open(&second, path), SGS_STATUS_OK);
     for (int k = 0; k < 2; ++k) { // a rest of digits: leftovers of a run are recognised by it
         const char *mark = strstr((k ? second : first).temporary, "file.tmp.");
         assert_non_null(mark);
@@ -44,9 +45,9 @@ static void two_open_writes_of_a_file_are_separate(void **state)
     }
     fputs("the longer text", first.stream);
     fputs("short", second.stream);
-    assert_int_equal(sgsi_atomic_commit(&first), SGS_STATUS_OK);
+    assert_int_equal(sgs_output_file_commit(&first), SGS_STATUS_OK);
     assert_content(path, "the longer text");
-    assert_int_equal(sgsi_atomic_commit(&second), SGS_STATUS_OK);
+    assert_int_equal(sgs_output_file_commit(&second), SGS_STATUS_OK);
     assert_content(path, "short");
     assert_int_equal(temp_folder_count(&folder), 1);
     temp_folder_remove(&folder);
@@ -58,14 +59,14 @@ static void a_symbolic_link_is_followed(void **state)
     const temp_folder folder = temp_folder_make();
     const char *path = temp_path(&folder, "target"), *link = temp_path(&folder, "link");
     struct stat info;
-    assert_int_equal(sgsi_file_write(path, (const uint8_t *)"old", 3), SGS_STATUS_OK);
+    assert_int_equal(sgs_output_file_write(path, (const uint8_t *)"old", 3), SGS_STATUS_OK);
     assert_int_equal(symlink("target", link), 0);
-    assert_int_equal(sgsi_file_write(link, (const uint8_t *)"new", 3), SGS_STATUS_OK);
+    assert_int_equal(sgs_output_file_write(link, (const uint8_t *)"new", 3), SGS_STATUS_OK);
     assert_content(path, "new");
     assert_int_equal(lstat(link, &info), 0);
     assert_true(S_ISLNK(info.st_mode));
     assert_int_equal(unlink(path), 0);
-    assert_int_equal(sgsi_file_write(link, (const uint8_t *)"new", 3), SGS_STATUS_IO);
+    assert_int_equal(sgs_output_file_write(link, (const uint8_t *)"new", 3), SGS_STATUS_IO);
     assert_non_null(strstr(sgs_last_error(), "link: is a symbolic link that cannot be followed"));
     assert_int_equal(temp_folder_count(&folder), 1);
     temp_folder_remove(&folder);
@@ -76,10 +77,10 @@ static void a_device_or_a_pipe_is_not_replaced(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     const char *path = temp_path(&folder, "pipe");
-    sgsi_atomic_file file;
+    sgs_output_file file;
     struct stat info;
     assert_int_equal(mkfifo(path, 0600), 0);
-    assert_int_equal(sgsi_atomic_open(&file, path), SGS_STATUS_IO);
+    assert_int_equal(sgs_output_file_open(&file, path), SGS_STATUS_IO);
     assert_non_null(strstr(sgs_last_error(), "pipe: is a device or a pipe"));
     assert_int_equal(stat(path, &info), 0);
     assert_true(S_ISFIFO(info.st_mode));
@@ -107,7 +108,8 @@ static void *write_often(void *context)
     uint8_t text[LONGEST];
     memset(text, w->letter, sizeof text);
     for (int round = 0; round < ROUNDS; ++round)
-        w->failures += sgsi_file_write(w->path, text, text_length(w->letter)) != SGS_STATUS_OK;
+        w->failures +=
+            sgs_output_file_write(w->path, text, text_length(w->letter)) != SGS_STATUS_OK;
     return NULL;
 }
 

@@ -20,6 +20,8 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
+#include "sparegs/scene.h"
 
 #define PI 3.14159265358979323846
 

@@ -10,8 +10,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "cli/json_output.h"
 #include "cli/options.h"
-#include "cli/output.h"
 
 static json_t *result;
 static char error_message[2048];

@@ -9,14 +9,14 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "cli/shared_options.h"
-#include "cli/interrupt.h"
-#include "cli/rank_group.h"
 #include "cli/commands.h"
+#include "cli/interrupt.h"
 #include "cli/json_result.h"
-#include "cli/output.h"
 #include "cli/options.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
+#include "cli/reported_files.h"
+#include "cli/shared_options.h"
 #include "sparegs/runtime.h"
 
 typedef struct command {

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "cli/interrupt.h"
+#include "cli/model_path.h"
 #include "cli/progress.h"
 
 bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened)

@@ -4,7 +4,7 @@
 
 // The MODEL argument of the commands: a file of any format that the library reads, or a run folder.
 
-#include "cli/output.h"
+#include "cli/model_path.h"
 #include "cli/shared_options.h"
 #include "sparegs/model_file.h"
 

@@ -4,7 +4,6 @@
 // Option tables shared by the commands. A value comes from the command line, else from the
 // config.json of the run that trained the model, else from the convention of the data set.
 
-#include "cli/interrupt.h"
 #include "cli/shared_options.h"
 
 #include <ctype.h>
@@ -13,6 +12,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include "cli/interrupt.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"

@@ -12,6 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/json_output.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "sparegs/option_descriptors.h"

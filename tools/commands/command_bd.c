@@ -12,8 +12,10 @@
 #include "cli/commands.h"
 #include "cli/input_file.h"
 #include "cli/json_result.h"
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
 #include "cli/shared_options.h"
 #include "sparegs/rate_distortion.h"
 

@@ -10,13 +10,14 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "report/bench_report.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
-#include "cli/output.h"
+#include "cli/model_path.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
 #include "cli/shared_options.h"
+#include "report/bench_report.h"
 
 static const char description[] =
     "Measures the phases of a training iteration on built-in scenes (listed by --list; by default "

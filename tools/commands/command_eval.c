@@ -8,18 +8,21 @@
 #include <stdlib.h>
 
 #include "cli/commands.h"
+#include "cli/file_stems.h"
+#include "cli/interrupt.h"
+#include "cli/json_result.h"
+#include "cli/json_output.h"
+#include "cli/model_argument.h"
+#include "cli/model_path.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/rank_group.h"
+#include "cli/reported_files.h"
 #include "draw/colormap.h"
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
 #include "run/rank_work.h"
 #include "run/run_record.h"
-#include "cli/file_stems.h"
-#include "cli/interrupt.h"
-#include "cli/json_result.h"
-#include "cli/model_argument.h"
-#include "cli/output.h"
-#include "cli/progress.h"
-#include "cli/rank_group.h"
 #include "sparegs/rank_check.h"
 
 static const char description[] =

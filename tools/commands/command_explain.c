@@ -9,12 +9,13 @@
 #include <string.h>
 
 #include "cli/commands.h"
-#include "cli/output.h"
 #include "cli/options.h"
+#include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
+#include "cli/shared_options.h"
 #include "run/region_file.h"
 #include "run/region_json.h"
-#include "cli/shared_options.h"
 
 static const char description[] =
     "Explains the budget of a training run with SPARE-GS, stored in the run folder OUT. For the "

@@ -11,8 +11,11 @@
 #include <sys/stat.h>
 
 #include "cli/commands.h"
+#include "cli/json_output.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
 #include "cli/shared_options.h"
 #include "sparegs/model_file.h"
 

@@ -6,16 +6,18 @@
 
 #include <stdlib.h>
 
+#include "cameras/render_cameras.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
-#include "report/profile_report.h"
 #include "cli/progress.h"
-#include "cameras/render_cameras.h"
+#include "cli/reported_files.h"
 #include "cli/shared_options.h"
-#include "sparegs/runtime.h"
+#include "report/profile_report.h"
 #include "run/trace_file.h"
+#include "sparegs/runtime.h"
 
 static const char description[] =
     "Measures the BVH of MODEL (a model file or a run folder) with rays from the cameras of SCENE: "

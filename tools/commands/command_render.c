@@ -9,14 +9,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cameras/camera_export.h"
+#include "cameras/render_cameras.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
-#include "cameras/camera_export.h"
-#include "cameras/render_cameras.h"
+#include "cli/reported_files.h"
 #include "draw/aov_list.h"
 #include "draw/view_drawer.h"
 #include "run/rank_work.h"

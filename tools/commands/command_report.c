@@ -9,16 +9,19 @@
 #include <unistd.h>
 
 #include "cli/commands.h"
-#include "run/evaluate.h"
 #include "cli/input_file.h"
 #include "cli/interrupt.h"
 #include "cli/json_file.h"
+#include "cli/json_output.h"
 #include "cli/model_argument.h"
+#include "cli/model_path.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "run/region_file.h"
+#include "cli/reported_files.h"
 #include "report/report_tables.h"
+#include "run/evaluate.h"
+#include "run/region_file.h"
 
 extern const char report_page[]; // report_page.html, embedded by report_page.cmake
 

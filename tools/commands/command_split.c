@@ -8,9 +8,11 @@
 #include <string.h>
 
 #include "cli/commands.h"
+#include "cli/json_output.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
 #include "cli/shared_options.h"
 #include "run/block_plan.h"
 #include "run/block_scripts.h"

@@ -10,25 +10,21 @@
 #include <string.h>
 
 #include "cli/commands.h"
-#include "run/block_plan.h"
-#include "run/evaluate_saved.h"
 #include "cli/interrupt.h"
+#include "cli/json_output.h"
 #include "cli/model_argument.h"
-#include "cli/json_result.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "cli/reported_files.h"
+#include "commands/training.h"
+#include "run/evaluate_saved.h"
 #include "run/memory_check.h"
-#include "run/rank_clock.h"
 #include "run/region_file.h"
-#include "run/run_folder.h"
 #include "run/run_record.h"
-#include "report/scaling_report.h"
-#include "sparegs/metrics.h"
-#include "sparegs/runtime.h"
 #include "run/trace_file.h"
-#include "cli/train_options.h"
-#include "viewer/training_view.h"
+#include "sparegs/runtime.h"
 
 static const char description[] =
     "Trains 3D Gaussians on SCENE: a folder with a COLMAP model (sparse/0, sparse or "
@@ -40,42 +36,6 @@ static const char description[] =
     "full state for --resume\nSIGINT, SIGTERM, SIGUSR2, SIGXCPU and SIGHUP finish the current "
     "iteration and save; a second signal exits at once. SIGUSR1 saves a checkpoint and continues. "
     "Under mpirun or srun, several processes train one model, with the same result as one process.";
-
-typedef struct training {
-    common_values common;
-    scene_values data;
-    train_values values;
-    const command_line *line;
-    const char *scene_path;
-    sgs_scene *scene;
-    sgs_lpips *lpips; // NULL without --lpips
-    sgs_trainer *trainer;
-    training_view *view; // NULL without --view
-    run_folder folder;
-    double started, load_seconds, train_seconds, longest_step;
-    sgs_stop_reason stop;
-    // Valid after the trainer is destroyed.
-    int iterations;
-    size_t gaussians, most_gaussians;
-    size_t memory_estimate; // at the largest number of primitives
-    char *stop_text;
-    sgs_train_seconds seconds;
-    sgs_train_bytes bytes;
-    sgs_train_skipped skipped;
-    char hash[17];
-    block_plan plan;      // of --region PLAN:K
-    size_t region_count;  // primitives in --region
-    char init_hash[17];   // of the model of --init
-    json_t *stored;       // the config of the run to resume
-    char *checkpoint;     // the file that was loaded, or NULL
-    json_t *traffic;      // between ranks, or NULL
-    rank_clock clock;     // of the calls between ranks
-    int own_iterations;   // of this process
-    json_t *per_rank;     // on rank 0, or NULL
-    double wall_seconds;  // of this command
-    bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
-    split_score test, train;
-} training;
 
 // ---- Before the first iteration ----
 
@@ -463,66 +423,12 @@ static bool iterate(training *run, trace_file *trace)
 
 // ---- After the last iteration ----
 
-// True if training stopped early with its state saved.
-static bool stopped_early(const training *run)
-{
-    return run->stop >= SGS_STOP_SIGNAL;
-}
-
-static const char *stop_text(const training *run)
-{
-    return interrupt_is_request() && run->stop == SGS_STOP_SIGNAL ? "stopped by the viewer"
-           : run->stop == SGS_STOP_SIGNAL                         ? "stopped by a signal"
-           : run->stop == SGS_STOP_TIME_LIMIT                     ? "stopped by --time-limit"
-           : run->stop == SGS_STOP_MEMORY_LIMIT                   ? "stopped by --max-memory"
-                                                : sgs_trainer_stop_text(run->trainer);
-}
-
-static bool save_results(training *run)
-{
-    const sgs_train_options *options = &run->values.options;
-    run->iterations = sgs_trainer_iteration(run->trainer);
-    run->gaussians = sgs_trainer_count(run->trainer);
-    run->seconds = sgs_trainer_seconds(run->trainer);
-    run->bytes = sgs_trainer_bytes(run->trainer);
-    run->skipped = sgs_trainer_skipped(run->trainer);
-    run->stop_text = format_text("%s", stop_text(run));
-    const size_t most = run->most_gaussians > run->gaussians ? run->most_gaussians : run->gaussians;
-    run->memory_estimate = sgs_train_memory_per_rank(
-        run->scene, options, (size_t)run->data.cache_bytes, most, group_count());
-    run->traffic = group_traffic();
-    if (sgs_trainer_hash(run->trainer, run->hash)) {
-        fail_library();
-        return false;
-    }
-    if (!run->iterations)
-        return true;
-    bool saved = run_folder_share_trained(&run->folder, run->scene, run->trainer, run->iterations);
-    if (run->values.region)
-        run->region_count = sgs_trainer_trained(run->trainer);
-    if (stopped_early(run) || run->values.checkpoint_every)
-        run->checkpoint_lost = !run_folder_share_checkpoint(&run->folder, run->trainer);
-    return saved;
-}
-
-// How the model is rendered.
-static drawing_values drawing_of(const training *run)
-{
-    drawing_values drawing = {.filter = run->values.options.filter,
-                              .near_distance = sgs_near_distance(run->scene->extent),
-                              .compact_box = run->values.options.compact_box,
-                              .space = run->scene->space,
-                              .white_point = run->scene->white_point};
-    memcpy(drawing.background, run->values.options.background, sizeof drawing.background);
-    return drawing;
-}
-
 static bool evaluate(training *run)
 {
     const saved_evaluation input = {.output = run->values.output,
                                     .iterations = run->iterations,
                                     .scene = run->scene,
-                                    .drawing = drawing_of(run),
+                                    .drawing = training_drawing(run),
                                     .has_exposure = run->values.options.exposure,
                                     .lpips = run->lpips,
                                     .lpips_input = (sgs_lpips_input)run->values.lpips_input};
@@ -530,80 +436,8 @@ static bool evaluate(training *run)
     if (done && !run->train.images) { // stopped; with --resume the evaluation is repeated
         run->stop = SGS_STOP_SIGNAL;
         free(run->stop_text);
-        run->stop_text = format_text("%s", stop_text(run));
+        run->stop_text = format_text("%s", training_stop_text(run));
     }
-    return done;
-}
-
-static json_t *summary_json(const training *run)
-{
-    json_t *summary = json_result_new();
-    json_t *seconds =
-        run_record_seconds(&run->seconds, run->load_seconds, run->folder.checkpoint_total);
-    json_object_set_new(summary, "iterations", json_integer(run->iterations));
-    json_object_set_new(summary, "batch", json_integer(run->values.options.batch));
-    json_object_set_new(summary, "stop_reason", json_string(run_record_stop_reason(run->stop)));
-    json_object_set_new(summary, "stop_text", json_string(run->stop_text));
-    json_object_set_new(summary, "gaussians", json_integer((json_int_t)run->gaussians));
-    if (run->values.region)
-        json_object_set_new(summary, "region_gaussians",
-                            json_integer((json_int_t)run->region_count));
-    json_object_set_new(summary, "train_seconds", json_number(run->train_seconds));
-    json_object_set_new(summary, "wall_seconds", json_number(run->wall_seconds));
-    json_object_set_new(summary, "seconds", seconds);
-    scaling_add_training(summary, &run->seconds, &run->bytes);
-    json_object_set_new(summary, "skipped",
-                        json_pack("{s:I, s:I}", "steps", (json_int_t)run->skipped.steps,
-                                  "gradients", (json_int_t)run->skipped.gradients));
-    json_object_set_new(summary, "test", split_score_json(&run->test));
-    json_object_set_new(summary, "train", split_score_json(&run->train));
-    json_object_set_new(summary, "threads", json_integer(sgs_threads_get()));
-    json_object_set_new(summary, "ranks", json_integer(group_count()));
-    if (run->traffic)
-        json_object_set(summary, "traffic", run->traffic);
-    if (run->per_rank)
-        json_object_set(summary, "per_rank", run->per_rank);
-    json_object_set_new(summary, "isa", json_string(sgs_isa_name(sgs_isa_get())));
-    json_object_set_new(summary, "peak_rss_bytes", json_integer((json_int_t)sgs_rss_peak()));
-    json_object_set_new(summary, "memory_estimate_bytes",
-                        json_integer((json_int_t)run->memory_estimate));
-    json_object_set_new(summary, "model_hash", json_string(run->hash));
-    json_object_set_new(summary, "seed", json_integer((json_int_t)run->common.seed));
-    json_object_set_new(summary, "version", json_string(sgs_version()));
-    json_object_set_new(summary, "commit", json_string(sgs_version_commit()));
-    json_set_path(summary, "scene", "%s", run->scene_path);
-    json_set_path(summary, "output", "%s", run->values.output);
-    if (run->iterations)
-        json_set_path(summary, "model", "%s/point_cloud/iteration_%d/point_cloud.ply",
-                      run->values.output, run->iterations);
-    return summary;
-}
-
-static bool report(training *run)
-{
-    char *path = format_text("%s/summary.json", run->values.output);
-    run->wall_seconds = clock_seconds() - run->started;
-    json_t *summary = summary_json(run);
-    bool done = write_json(path, json_incref(summary));
-    if (done) {
-        char *kept = format_text("the run is complete, its result is in %s", path);
-        stdout_set_complete(kept);
-        free(kept);
-    }
-    free(path);
-    if (run->common.json)
-        return print_json(summary) && done;
-    json_decref(summary);
-    printf("%d iteration%s in %.1f s (this command: %.1f s)%s%s, %zu primitives, "
-           "model %s\n",
-           run->iterations, run->iterations == 1 ? "" : "s", run->train_seconds, run->wall_seconds,
-           *run->stop_text ? ": " : "", run->stop_text, run->gaussians, run->hash);
-    split_score_print("held-out images:", &run->test);
-    split_score_print("training images:", &run->train);
-    rank_clock_print(run->per_rank);
-    if (run->iterations)
-        printf("%s/point_cloud/iteration_%d/point_cloud.ply\n", run->values.output,
-               run->iterations);
     return done;
 }
 
@@ -663,7 +497,7 @@ static bool open_view(training *run)
                                            .token = values->view_token,
                                            .share = values->view_share / 100,
                                            .folder = values->output,
-                                           .drawing = drawing_of(run),
+                                           .drawing = training_drawing(run),
                                            .scene = run->scene,
                                            .total = values->options.iterations,
                                            .has_regions = values->options.spare != 0,
@@ -679,7 +513,7 @@ static bool iterate_and_save(training *run)
     trace_file *trace = traces ? trace_open(run->values.trace) : NULL;
     bool done = !(run->values.view && sgs_trainer_collect(run->trainer)) && (!traces || trace);
     done = group_all(done && (!group_leads() || open_view(run))) && iterate(run, trace);
-    done = group_all(trace_close(trace, done) && done) && group_all(save_results(run));
+    done = group_all(trace_close(trace, done) && done) && group_all(training_save(run));
     if (group_leads())
         run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);
@@ -693,7 +527,7 @@ static int train(training *run)
     if (status >= 0)
         return status;
     bool done = iterate_and_save(run);
-    if (done && !stopped_early(run))
+    if (done && !training_stopped_early(run))
         done = evaluate(run);
     if (done)
         run->per_rank = rank_clock_json(&run->clock, run->train_seconds);
@@ -704,7 +538,7 @@ static int train(training *run)
         return EXIT_FAILED;
     if (!group_leads())
         return interrupt_status();
-    if (!report(run) || run->checkpoint_lost)
+    if (!training_report(run) || run->checkpoint_lost)
         return EXIT_FAILED;
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
         return fail_run("%s: the next iterations of %zu primitives may exceed --max-memory; "

@@ -11,6 +11,7 @@
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "viewer/view_session.h"

@@ -26,9 +26,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "draw/colormap.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
+#include "draw/colormap.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"
 

@@ -23,11 +23,14 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
+#include "sparegs/output_file.h"
 
 #define EVEN_SIZE "pad=ceil(iw/2)*2:ceil(ih/2)*2"
 
 struct video {
-    char *path, *target, *temporary;
+    sgs_output_file file;
+    char *temporary; // ffmpeg writes it; it becomes the temporary file of `file`
     int width, height;
     pid_t child;
     int pipe;
@@ -79,7 +82,7 @@ static void run_ffmpeg(const video *film, double fps, int input)
     char size[32], rate[32];
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     snprintf(rate, sizeof rate, "%.6g", fps);
-    const bool marked = records_colors(film->path);
+    const bool marked = records_colors(film->file.path);
     const char *filters =
                    marked ? EVEN_SIZE ",scale=out_color_matrix=bt709:out_range=tv" : EVEN_SIZE,
                *primaries = marked ? "bt709" : "unknown",
@@ -123,31 +126,31 @@ static void run_ffmpeg(const video *film, double fps, int input)
     _exit(127);
 }
 
+// Takes back what video_open has done, except the child.
 static void free_film(video *film)
 {
+    sgs_output_file_abort(&film->file);
     if (film->messages)
         fclose(film->messages);
     free(film->frame);
-    free(film->path);
-    free(film->target);
     free(film->temporary);
     free(film);
 }
 
 video *video_open(const char *path, int width, int height, double fps)
 {
-    video *film = calloc(1, sizeof *film);
     int ends[2];
-    char *target = film && make_folder_of(path) ? output_target(path) : NULL;
-    if (!target) {
-        free(film);
+    video *film = make_folder_of(path) ? calloc(1, sizeof *film) : NULL;
+    if (!film)
+        return NULL;
+    if (sgs_output_file_open(&film->file, path)) {
+        fail_library();
+        free_film(film);
         return NULL;
     }
-    *film = (video){.path = format_text("%s", path),
-                    .target = target,
-                    .temporary = temporary_path(target),
-                    .width = width,
-                    .height = height};
+    film->temporary = temporary_path(film->file.target);
+    film->width = width;
+    film->height = height;
     film->frame = malloc(3 * (size_t)width * (size_t)height);
     film->messages = tmpfile();
     if (!film->frame || !film->messages || pipe(ends)) {
@@ -191,7 +194,7 @@ static bool finish_child(video *film, bool complete)
     while (fgets(line, sizeof line, film->messages))
         if (line[strspn(line, " \r\n")])
             snprintf(last, sizeof last, "%.*s", (int)strcspn(line, "\r\n"), line);
-    fail_run("%s: ffmpeg failed: %s", film->path, last);
+    fail_run("%s: ffmpeg failed: %s", film->file.path, last);
     return false;
 }
 
@@ -218,15 +221,20 @@ bool video_close(video *film, bool complete)
     if (!film)
         return true;
     bool done = finish_child(film, complete);
-    const bool kept = done && complete;
-    if (kept && rename(film->temporary, film->target)) {
-        fail_run("%s: cannot rename the temporary file: %s", film->path, strerror(errno));
-        done = false;
+    if (done && complete) {
+        char *name = format_text("%s", film->file.path);
+        if (rename(film->temporary, film->file.temporary)) {
+            fail_run("%s: cannot rename the temporary file: %s", name, strerror(errno));
+            done = false;
+        } else if (sgs_output_file_commit(&film->file)) {
+            fail_library();
+            done = false;
+        } else {
+            report_file(name);
+        }
+        free(name);
     }
-    if (kept && done)
-        report_file(film->path);
-    else
-        unlink(film->temporary);
+    unlink(film->temporary);
     free_film(film);
     return done;
 }

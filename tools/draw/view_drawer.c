@@ -8,9 +8,9 @@
 #include <string.h>
 
 #include "cameras/lens_samples.h"
-#include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "cli/reported_files.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"

@@ -8,7 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/output.h"
+#include "cli/json_output.h"
+#include "cli/reported_files.h"
 #include "report/rank_report.h"
 #include "report/scaling_report.h"
 

@@ -3,7 +3,7 @@
 
 #include "report/scaling_report.h"
 
-#include "cli/output.h"
+#include "cli/json_output.h"
 
 const scaling_target scaling_targets[SCALING_TARGETS] = {{8, 40}, {32, 160}, {64, 320}};
 

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "cli/json_file.h"
-#include "cli/output.h"
+#include "cli/json_output.h"
 #include "cli/progress.h"
 
 // The scene's digest as text.

@@ -9,6 +9,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
 
 // Common to both scripts. Slurm sends SIGTERM to the shell 300 s before the limit (B: the shell
 // only). sparegs saves its state and exits with 143, and the job is requeued.

@@ -12,12 +12,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "run/display_planes.h"
-#include "run/exposure_file.h"
 #include "cli/interrupt.h"
-#include "cli/output.h"
+#include "cli/json_output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "run/display_planes.h"
+#include "run/exposure_file.h"
 
 static evaluator without_renderer(const sgs_scene *scene, const drawing_values *drawing)
 {

@@ -22,8 +22,9 @@
 #include <string.h>
 
 #include "cli/commands.h"
-#include "cli/options.h"
 #include "cli/json_file.h"
+#include "cli/json_output.h"
+#include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "run/plan_path.h"

@@ -11,6 +11,7 @@
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/json_file.h"
+#include "cli/json_output.h"
 #include "cli/json_result.h"
 #include "cli/options.h"
 #include "cli/output.h"

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "cli/json_file.h"
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 

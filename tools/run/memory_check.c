@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"

@@ -8,6 +8,7 @@
 
 #include "cli/interrupt.h"
 #include "cli/json_file.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "run/exposure_file.h"

@@ -3,7 +3,7 @@
 
 #include "run/region_json.h"
 
-#include "cli/output.h"
+#include "cli/json_output.h"
 
 void region_center(const sgs_regions *update, uint32_t voxel, double center[3])
 {

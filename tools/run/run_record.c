@@ -8,6 +8,8 @@
 #include <string.h>
 
 #include "cli/json_file.h"
+#include "cli/json_output.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 

@@ -11,7 +11,7 @@
 #include <stdio.h>
 
 #include "cli/interrupt.h"
-#include "cli/output.h"
+#include "cli/json_output.h"
 #include "cli/progress.h"
 
 static double squared_error(const view_images *images, size_t plane, size_t at)

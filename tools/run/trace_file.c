@@ -7,42 +7,32 @@
 
 #include "run/trace_file.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "sparegs/output_file.h"
 #include "sparegs/runtime.h"
 
 struct trace_file {
-    FILE *stream;
-    char *path, *target, *temporary;
+    sgs_output_file file;
     double zero; // time of the first event
     bool any;
 };
 
 trace_file *trace_open(const char *path)
 {
-    char *target = make_folder_of(path) ? output_target(path) : NULL;
-    trace_file *trace = target ? calloc(1, sizeof *trace) : NULL;
-    if (!trace) {
-        free(target);
+    trace_file *trace = make_folder_of(path) ? calloc(1, sizeof *trace) : NULL;
+    if (!trace)
+        return NULL;
+    if (sgs_output_file_open(&trace->file, path)) {
+        fail_library();
+        free(trace);
         return NULL;
     }
-    trace->target = target;
-    trace->path = format_text("%s", path);
-    trace->temporary = format_text("%s.tmp.%ld", target, (long)getpid());
-    trace->stream = fopen(trace->temporary, "w");
-    if (!trace->stream) {
-        fail_run("%s: %s; choose another file for --trace", trace->temporary, strerror(errno));
-        trace_close(trace, false);
-        return NULL;
-    }
-    fputs("{\"displayTimeUnit\":\"ms\",\"traceEvents\":[", trace->stream);
+    fputs("{\"displayTimeUnit\":\"ms\",\"traceEvents\":[", trace->file.stream);
     return trace;
 }
 
@@ -50,14 +40,14 @@ static void begin_event(trace_file *trace, double time)
 {
     if (!trace->any)
         trace->zero = time;
-    fputs(trace->any ? ",\n" : "\n", trace->stream);
+    fputs(trace->any ? ",\n" : "\n", trace->file.stream);
     trace->any = true;
 }
 
 static void put_span(trace_file *trace, const char *name, int thread, double time, double seconds)
 {
     begin_event(trace, time);
-    fprintf(trace->stream,
+    fprintf(trace->file.stream,
             "{\"name\":\"%s\",\"ph\":\"X\",\"pid\":1,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f}", name,
             thread, 1e6 * (time - trace->zero), 1e6 * seconds);
 }
@@ -100,7 +90,7 @@ static void add_count(trace_file *trace, const char *name, double time, double v
     if (!isfinite(value))
         return;
     begin_event(trace, time);
-    fprintf(trace->stream,
+    fprintf(trace->file.stream,
             "{\"name\":\"%s\",\"ph\":\"C\",\"pid\":1,\"ts\":%.3f,\"args\":{\"%s\":%.9g}}", name,
             1e6 * (time - trace->zero), name, value);
 }
@@ -109,24 +99,17 @@ bool trace_close(trace_file *trace, bool keep)
 {
     if (!trace)
         return true;
-    bool written = keep;
-    if (trace->stream) {
-        fputs("\n]}\n", trace->stream);
-        written = !ferror(trace->stream) && !fflush(trace->stream) && !fsync(fileno(trace->stream));
-        written = !fclose(trace->stream) && written && keep;
-        if (written && rename(trace->temporary, trace->target))
-            written = false;
-        if (keep && !written)
-            fail_run("%s: %s; make room there or choose another file for --trace", trace->path,
-                     strerror(errno));
+    bool written = true;
+    if (keep) {
+        fputs("\n]}\n", trace->file.stream);
+        written = !sgs_output_file_commit(&trace->file);
         if (!written)
-            unlink(trace->temporary);
+            fail_library();
+    } else {
+        sgs_output_file_abort(&trace->file);
     }
-    free(trace->path);
-    free(trace->target);
-    free(trace->temporary);
     free(trace);
-    return written || !keep;
+    return written;
 }
 
 void trace_step(trace_file *trace, const sgs_trainer *trainer, double start,

@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/output.h"
+#include "cli/json_output.h"
 #include "viewer/view_crop.h"
 
 enum { CHUNK = 4096 };

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 
 #include "cli/interrupt.h"
-#include "cli/output.h"
+#include "cli/json_output.h"
 #include "cli/progress.h"
 #include "sparegs/runtime.h"
 #include "viewer/view_session.h"

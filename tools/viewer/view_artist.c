@@ -15,11 +15,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/output.h"
+#include "cli/json_output.h"
 #include "cli/progress.h"
+#include "run/region_json.h"
 #include "viewer/frame_encoder.h"
 #include "viewer/ray_inspect.h"
-#include "run/region_json.h"
 
 #define MOVING_SECONDS 0.075 // of one moving picture
 #define PATIENCE 0.25        // seconds

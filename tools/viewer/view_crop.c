@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/json_output.h"
 #include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"

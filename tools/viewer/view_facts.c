@@ -9,6 +9,7 @@
 
 #include "cli/input_file.h"
 #include "cli/json_file.h"
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "draw/aov_list.h"
 #include "draw/colormap.h"

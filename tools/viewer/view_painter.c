@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cameras/lens_samples.h"
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "draw/frame_files.h"
 #include "sparegs/aov_descriptors.h"

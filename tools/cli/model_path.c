@@ -1,0 +1,120 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "cli/model_path.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "cli/json_file.h"
+#include "cli/output.h"
+#include "cli/progress.h"
+#include "cli/recorded_options.h"
+#include "sparegs/model_file.h"
+#include "sparegs/run.h"
+
+static bool is_folder(const char *path)
+{
+    struct stat info;
+    return !stat(path, &info) && S_ISDIR(info.st_mode);
+}
+
+// The model in a folder such as point_cloud/iteration_7000, or NULL. Release with free().
+static char *iteration_model(const char *folder)
+{
+    char *path = format_text("%s/point_cloud.ply", folder);
+    if (is_folder(folder) && file_exists(path) && !is_folder(path))
+        return path;
+    free(path);
+    return NULL;
+}
+
+bool model_is(const char *model)
+{
+    sgs_model_format format;
+    char *ply = iteration_model(model);
+    free(ply);
+    if (ply)
+        return true;
+    // A file that is missing is a model by its name.
+    if (sgs_model_format_detect(model, &format) ||
+        (!is_folder(model) && sgs_model_format_of_name(model, &format)))
+        return true;
+    char *clouds = format_text("%s/point_cloud", model);
+    const bool is = is_folder(clouds);
+    free(clouds);
+    return is;
+}
+
+// The run folder OUT of a folder OUT/point_cloud/iteration_N, or NULL. Release with free().
+static char *run_of_iteration(const char *folder)
+{
+    static const char middle[] = "/point_cloud";
+    char *run = realpath(folder, NULL), *slash = run ? strrchr(run, '/') : NULL;
+    if (slash)
+        *slash = 0;
+    const size_t length = run ? strlen(run) : 0, tail = sizeof middle - 1;
+    const bool is = length > tail && !strcmp(run + length - tail, middle);
+    free(run);
+    return is ? format_text("%s/../..", folder) : NULL;
+}
+
+// Reads RUN/config.json if it exists. Takes `run`, which may be NULL.
+static void read_run_config(char *run, model_path *located)
+{
+    char *config = run ? format_text("%s/config.json", run) : NULL;
+    if (config && file_exists(config)) {
+        json_error_t error;
+        located->config = load_json(config, 0, &error);
+        if (!located->config) {
+            char *fault = json_load_fault(config, &error);
+            print_warning("%s; its options are ignored", fault);
+            free(fault);
+        } else {
+            recorded_options_check(located->config, config);
+        }
+    }
+    free(config);
+    located->run = run;
+}
+
+bool model_locate(const char *model, model_path *located)
+{
+    *located = (model_path){0};
+    if (!file_exists(model)) {
+        fail_run("%s: no such model; specify a model file or a run folder", model);
+        return false;
+    }
+    sgs_model_format format;
+    if (!is_folder(model) || sgs_model_format_detect(model, &format)) {
+        located->ply_path = format_text("%s", model);
+        return true;
+    }
+    located->ply_path = iteration_model(model);
+    if (located->ply_path) {
+        read_run_config(run_of_iteration(model), located);
+        return true;
+    }
+    char path[4096];
+    if (sgs_run_model_path(model, path, sizeof path, &located->iteration)) {
+        fail_library();
+        return false;
+    }
+    located->ply_path = format_text("%s", path);
+    read_run_config(format_text("%s", model), located);
+    return true;
+}
+
+void model_path_free(model_path *located)
+{
+    free(located->ply_path);
+    free(located->run);
+    json_decref(located->config);
+    *located = (model_path){0};
+}
+
+json_t *config_option(const json_t *config, const char *name)
+{
+    return config ? json_object_get(json_object_get(config, "options"), name) : NULL;
+}

@@ -1,0 +1,72 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// The state of `sparegs train`, and its results after the last iteration. Functions that return
+// bool print their error before they return false.
+
+#include <jansson.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "cli/options.h"
+#include "cli/shared_options.h"
+#include "cli/train_options.h"
+#include "run/block_plan.h"
+#include "run/evaluate.h"
+#include "run/rank_clock.h"
+#include "run/run_folder.h"
+#include "sparegs/metrics.h"
+#include "sparegs/trainer.h"
+#include "viewer/training_view.h"
+
+typedef struct training {
+    common_values common;
+    scene_values data;
+    train_values values;
+    const command_line *line;
+    const char *scene_path;
+    sgs_scene *scene;
+    sgs_lpips *lpips; // NULL without --lpips
+    sgs_trainer *trainer;
+    training_view *view; // NULL without --view
+    run_folder folder;
+    double started, load_seconds, train_seconds, longest_step;
+    sgs_stop_reason stop;
+    // Valid after the trainer is destroyed.
+    int iterations;
+    size_t gaussians, most_gaussians;
+    size_t memory_estimate; // at the largest number of primitives
+    char *stop_text;
+    sgs_train_seconds seconds;
+    sgs_train_bytes bytes;
+    sgs_train_skipped skipped;
+    char hash[17];
+    block_plan plan;      // of --region PLAN:K
+    size_t region_count;  // primitives in --region
+    char init_hash[17];   // of the model of --init
+    json_t *stored;       // the config of the run to resume
+    char *checkpoint;     // the file that was loaded, or NULL
+    json_t *traffic;      // between ranks, or NULL
+    rank_clock clock;     // of the calls between ranks
+    int own_iterations;   // of this process
+    json_t *per_rank;     // on rank 0, or NULL
+    double wall_seconds;  // of this command
+    bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
+    split_score test, train;
+} training;
+
+// True if training stopped early with its state saved.
+bool training_stopped_early(const training *run);
+// Why training stopped, for people; "" after all iterations.
+const char *training_stop_text(const training *run);
+
+// Saves the last model, and a checkpoint of an early stop, and keeps what the results need of the
+// trainer.
+bool training_save(training *run);
+
+// How the model is rendered.
+drawing_values training_drawing(const training *run);
+
+// Writes summary.json and prints the result. Of rank 0.
+bool training_report(training *run);

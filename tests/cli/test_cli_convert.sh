@@ -226,7 +226,7 @@ reports "SCENE has no effect"
 run 2 convert "$ply" "$temporary/a.ply" --filter-unseen
 reports "--filter-unseen has no effect without a SCENE"
 for bad in --filter-box=1,2,3 --filter-box=a,b,c,d,e,f --filter-sphere=1,2,3 --filter-sphere=1,2,3,-1 --rotate=1,2 --translate=x \
-    --filter-value=x,less,1 --filter-value=x,lt --filter-value=x,lt,1,y --filter-floaters=0 --filter-floaters=auto,a --scale=0; do
+    --filter-value=x,less,1 --filter-value=x,lt --filter-value=x,lt,1,y --filter-value=x,lt,nan --filter-floaters=0 --filter-floaters=auto,a --scale=0; do
     run 2 convert "$ply" "$temporary/none.ply" "$bad"
     reports "${bad%%=*}"
 done

@@ -419,6 +419,9 @@ for damage in '.options.downscale = "4"' '.options.filter = "gauss"' '.options.b
     name=${damage%% *}
     reports "damaged/config.json: '${name##*.}' has an unknown value, which is ignored; correct it, or specify the option"
 done
+jq '.test_images = ["0001.jpg", 3]' "$model/config.json" >"$temporary/damaged/config.json"
+run 0 render "$temporary/damaged" "$room" --view 0001.jpg --size 40x30 -o "$temporary/drawn" --quiet
+reports "damaged/config.json: 'test_images' is not a list of names, and is ignored; correct it, or specify --test-images, --test-every or --eval"
 echo '{"options": []}' >"$temporary/damaged/config.json"
 run 0 render "$temporary/damaged" "$room" --view 0001.jpg --size 40x30 -o "$temporary/drawn" --quiet
 reports "damaged/config.json: contains no options of a run; the defaults are used"

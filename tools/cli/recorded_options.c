@@ -78,6 +78,24 @@ static void check_member(json_t *object, const recorded_option *row, const char 
     json_object_del(object, row->name);
 }
 
+// The held-out images: a list of names.
+static void check_held_out(json_t *config, const char *path)
+{
+    json_t *list = json_object_get(config, "test_images"), *name;
+    size_t i;
+    bool valid = !list || json_is_null(list) || json_is_array(list);
+    json_array_foreach(list, i, name)
+    {
+        valid = valid && json_is_string(name);
+    }
+    if (valid)
+        return;
+    print_warning("%s: 'test_images' is not a list of names, and is ignored; correct it, or "
+                  "specify --test-images, --test-every or --eval",
+                  path);
+    json_object_del(config, "test_images");
+}
+
 void recorded_options_check(json_t *config, const char *path)
 {
     json_t *options = json_object_get(config, "options");
@@ -86,4 +104,5 @@ void recorded_options_check(json_t *config, const char *path)
     for (size_t k = 0; k < sizeof recorded_options / sizeof *recorded_options; ++k)
         check_member(options, &recorded_options[k], path);
     check_member(config, &near_distance, path);
+    check_held_out(config, path);
 }

@@ -253,7 +253,7 @@ static int parse_conditions(convert_plan *plan)
         if (plan->condition_count == MOST_CONDITIONS)
             return fail_usage("--filter-value: more than %d conditions", MOST_CONDITIONS);
         if (sscanf(at, "%31[^,],%7[^,],%lf%n", c->name, comparison, &c->value, &length) != 3 ||
-            (at[length] && at[length] != ','))
+            (at[length] && at[length] != ',') || isnan(c->value))
             return fail_usage("--filter-value: '%s' is not NAME,CMP,V", at);
         int k = 0;
         while (k < 6 && strcmp(words[k], comparison))

@@ -72,7 +72,10 @@ byId('up').onchange = () => { setUp(); levelHorizon(); };
 byId('home').onclick = goHome;
 byId('level').onclick = levelHorizon;
 byId('frusta').onchange = drawOverlay;
-byId('compare').onchange = compareAgain;
+byId('compare').onchange = () => {
+  if (byId('compare').value !== 'render' && camera.view < 0) showMessage('Choose a photograph from the list to compare with it.');
+  compareAgain();
+};
 byId('split').oninput = compareAgain;
 byId('gain').oninput = compareAgain;
 byId('fold').onclick = () => {

@@ -16,15 +16,11 @@ void view_hub_open(view_hub *hub, const camera_list *views)
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
     pthread_mutex_init(&hub->lock, NULL);
     pthread_cond_init(&hub->work, &monotonic);
-    for (int i = 0; i < HUB_CLIENTS; ++i)
-        pthread_cond_init(&hub->clients[i].filled, &monotonic);
     pthread_condattr_destroy(&monotonic);
 }
 
 void view_hub_close(view_hub *hub)
 {
-    for (int i = 0; i < HUB_CLIENTS; ++i)
-        pthread_cond_destroy(&hub->clients[i].filled);
     pthread_cond_destroy(&hub->work);
     pthread_mutex_destroy(&hub->lock);
 }
@@ -35,7 +31,8 @@ void view_hub_stop(view_hub *hub)
     hub->stopping = true;
     pthread_cond_broadcast(&hub->work);
     for (int i = 0; i < HUB_CLIENTS; ++i)
-        pthread_cond_broadcast(&hub->clients[i].filled);
+        if (hub->clients[i].used)
+            pthread_cond_broadcast(&hub->clients[i].filled);
     pthread_mutex_unlock(&hub->lock);
 }
 
@@ -127,15 +124,15 @@ view_client *view_hub_join(view_hub *hub, hub_send_fn send, void *connection)
         if (!hub->clients[i].used)
             client = &hub->clients[i];
     if (client) {
-        const pthread_cond_t filled = client->filled;
         *client = (view_client){.hub = hub,
                                 .connection = connection,
                                 .send = send,
                                 .used = true,
-                                .filled = filled,
                                 .scale = 0.5,
                                 .generation = client->generation + 1};
+        pthread_cond_init(&client->filled, NULL);
         if (pthread_create(&client->sender, NULL, send_all, client)) {
+            pthread_cond_destroy(&client->filled);
             client->used = false;
             client = NULL;
         }
@@ -163,6 +160,7 @@ void view_hub_leave(view_client *client)
     client->used = client->has_request = false;
     client->job_count = 0;
     ++client->changes; // ends a drawing for it
+    pthread_cond_destroy(&client->filled);
     pthread_mutex_unlock(&hub->lock);
 }
 

@@ -125,6 +125,7 @@ sgs_status sgsi_limit_growth(sgsi_density_columns *columns, const sgsi_statistic
 {
     const size_t n = columns->count;
     size_t wanted = 0, made = 0, survivors = 0;
+    drop_empty_growth(columns);
     for (size_t i = 0; i < n; ++i) {
         wanted += columns->action[i] != SGSI_ACTION_KEEP;
         survivors += !loses_row(columns, i);

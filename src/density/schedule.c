@@ -53,6 +53,7 @@
 
 #include "density/schedule.h"
 
+#include <limits.h>
 #include <math.h>
 
 #include "density/pipeline.h"
@@ -95,8 +96,8 @@ enum {
 
 static int rounded(double value, int least)
 {
-    const int whole = (int)lround(value);
-    return whole < least ? least : whole;
+    const double whole = fmin(round(value), INT_MAX);
+    return whole < least ? least : (int)whole;
 }
 
 // Batches shrink with the run, so that the number of steps does not.

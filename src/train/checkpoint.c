@@ -558,6 +558,8 @@ static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, cons
     if (visit.status)
         return visit.status;
     trainer->progress = *progress;
+    sgsi_free((void *)trainer->regions.regions); // of the state before
+    trainer->regions = (sgs_regions){0};
     trainer->stop_text[progress->stop ? sizeof trainer->stop_text - 1 : 0] = 0;
     trainer->views.rebuild = true;
     trainer->inconsistent = false;

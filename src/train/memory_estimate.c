@@ -24,6 +24,7 @@ enum {
     // model with the distances of neighbours.
     COLUMN_BYTES = 150,
     INITIAL_BYTES = 300,
+    VOXEL_BYTES = 44, // of the grid of SPARE-GS
     // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
     PIXEL_BYTES = 120,
     RAY_BYTES = 24,         // per pixel of each different camera, up to RAY_LIMIT
@@ -58,6 +59,13 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
                         size_t image_cache, size_t gaussians)
 {
     return sgs_train_memory_per_rank(scene, options, image_cache, gaussians, 1);
+}
+
+// Bytes of SPARE-GS in a structural update that do not depend on the primitives.
+static size_t grid_bytes(const sgs_train_options *options)
+{
+    const size_t grid = options->spare_grid > 0 ? (size_t)options->spare_grid : 0;
+    return options->spare & (SGS_SPARE_BMD | SGS_SPARE_RAP) ? grid * grid * grid * VOXEL_BYTES : 0;
 }
 
 // Bytes for the primitives of a rank: its own ones, and what depends on all.
@@ -106,5 +114,6 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +
            largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) +
-           row_bytes(rows, ROW_BYTES + batch_bytes, ranks < 1 ? 1 : ranks) + lists;
+           row_bytes(rows, ROW_BYTES + batch_bytes, ranks < 1 ? 1 : ranks) + lists +
+           grid_bytes(&own);
 }

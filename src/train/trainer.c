@@ -307,14 +307,14 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
         return status;
     count_traffic(trainer, view);
     // Chain rule, statistics for density control, Adam.
-    if (views->exposure && view->iteration < trainer->options.iterations)
-        sgsi_exposure_step(views->exposure, view->index,
-                           sgsi_exposure_lr(view->iteration, trainer->options.iterations));
     if (!isfinite(view->loss.loss)) {
         sgsi_skip_step(&trainer->progress.skipped, view->iteration, view->source->name,
                        view->loss.loss);
         return SGS_STATUS_OK;
     }
+    if (views->exposure && view->iteration < trainer->options.iterations)
+        sgsi_exposure_step(views->exposure, view->index,
+                           sgsi_exposure_lr(view->iteration, trainer->options.iterations));
     const bool steps = ends_batch(trainer, view->iteration);
     const int batch = trainer->progress.batch_views + 1;
     status = sgsi_trainer_optimize(trainer, view, &info->visible);

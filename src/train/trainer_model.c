@@ -234,8 +234,9 @@ sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
     if (trainer->options.filter != SGS_FILTER_MIP)
         return status;
     if (!status)
-        farthest = sgsi_filter_3d_sample(trainer->model, trainer->scene, views->scene_views,
-                                         views->count, trainer->filter_3d);
+        farthest =
+            sgsi_filter_3d_sample(trainer->model, trainer->scene, views->scene_views, views->count,
+                                  sgs_near_distance(trainer->scene->extent), trainer->filter_3d);
     if (sgsi_trainer_is_shared(trainer))
         status = share_largest(trainer, status, &farthest);
     if (!status)

@@ -422,6 +422,26 @@ static void a_split_that_the_cap_denies_keeps_its_row(void **state)
     drop(&f);
 }
 
+// Row 0 is split into children that are too large as well: it goes, and no other row makes room.
+static void a_split_without_children_takes_no_room_at_the_cap(void **state)
+{
+    (void)state;
+    fixture f = make(100);
+    f.options.max_count = 100;
+    f.options.size_max = 1.0;
+    for (size_t i = 0; i < 100; ++i)
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -1.0f;
+    *sgs_gaussians_at(f.model, 0, SGS_PARAM_SCALE) = logf(2.0f);
+    f.statistics.gradient_sum[0] = 1e-2f;
+    update(&f);
+    assert_int_equal(f.model->count, 99);
+    assert_int_equal(f.result.split, 0);
+    assert_int_equal(f.result.pruned, 1);
+    size_t rows[8];
+    assert_int_equal(rows_of(&f, 0, rows), 0);
+    drop(&f);
+}
+
 static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **state)
 {
     (void)state;
@@ -536,6 +556,7 @@ int main(void)
         cmocka_unit_test(faint_rows_that_grow_count_against_the_limit),
         cmocka_unit_test(thinning_only_removes),
         cmocka_unit_test(a_split_that_the_cap_denies_keeps_its_row),
+        cmocka_unit_test(a_split_without_children_takes_no_room_at_the_cap),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
         cmocka_unit_test(sorting_keeps_every_row),

@@ -23,9 +23,9 @@
 #include "reference/reference.h"
 #include "support/tracer_support.h"
 
-static void filter_is_the_finest_sampling_of_all_views(void **state)
+// With the near limit of the paper, and with one that hides some primitives.
+static void check_sampling(double nearest_depth)
 {
-    (void)state;
     oracle_scene scene = oracle_random_model(6, 200, NULL);
     for (size_t i = 0; i < 200; i += 10) // some are in no view
         *sgs_gaussians_at(scene.model, i, SGS_PARAM_MEAN) = 500;
@@ -38,7 +38,7 @@ static void filter_is_the_finest_sampling_of_all_views(void **state)
     }
     const sgs_scene set = {.view_count = 4, .views = views};
     float filter[200];
-    const float largest = sgsi_filter_3d_sample(scene.model, &set, used, 3, filter);
+    const float largest = sgsi_filter_3d_sample(scene.model, &set, used, 3, nearest_depth, filter);
     sgsi_filter_3d_scale(&set, used, 3, largest, filter, 200);
     double nearest[200], farthest = 0;
     size_t unseen = 0;
@@ -55,7 +55,8 @@ static void filter_is_the_finest_sampling_of_all_views(void **state)
             }
             const double *f = view->camera.params, w = view->camera.width, h = view->camera.height;
             const double x = f[0] * p[0] / p[2] + f[2], y = f[1] * p[1] / p[2] + f[3];
-            if (p[2] > 0.2 && x >= -0.15 * w && x <= 1.15 * w && y >= -0.15 * h && y <= 1.15 * h)
+            if (p[2] > nearest_depth && x >= -0.15 * w && x <= 1.15 * w && y >= -0.15 * h &&
+                y <= 1.15 * h)
                 nearest[i] = fmin(nearest[i], p[2]);
         }
         unseen += nearest[i] == 1e5;
@@ -68,6 +69,13 @@ static void filter_is_the_finest_sampling_of_all_views(void **state)
         assert_true(fabs((double)filter[i] - expected) <= 1e-5 * expected);
     }
     oracle_scene_free(&scene);
+}
+
+static void filter_is_the_finest_sampling_of_all_views(void **state)
+{
+    (void)state;
+    check_sampling(0.2);
+    check_sampling(3.5);
 }
 
 static void fused_model_looks_the_same_without_its_filter(void **state)

@@ -3,6 +3,7 @@
 
 // The schedule against the published milestones, and the documented properties of scaled ones.
 
+#include <limits.h>
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -275,6 +276,15 @@ static void scaled_schedule_has_its_documented_properties_at_every_length(void *
         assert_true(n < 1000 || updates >= 4);
         assert_true(schedule.check_interval >= 1 && schedule.sh_interval >= 1);
     }
+}
+
+static void a_check_interval_beyond_int_means_no_check(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 100000;
+    options.spare_interval = 1000000000;
+    assert_int_equal(sgsi_schedule_make(&options, &small_photos).check_interval, INT_MAX);
 }
 
 static sgsi_schedule make_for(sgs_pipeline pipeline, int iterations)
@@ -656,6 +666,7 @@ int main(void)
         cmocka_unit_test(fastgs_steps_and_prunes_as_published),
         cmocka_unit_test(fastgs_makes_four_final_prunes_at_every_length),
         cmocka_unit_test(dash_densifies_until_nine_tenths),
+        cmocka_unit_test(a_check_interval_beyond_int_means_no_check),
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
         cmocka_unit_test(short_runs_follow_the_size_of_the_photographs),

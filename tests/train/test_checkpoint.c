@@ -127,6 +127,20 @@ static void every_stop_point_resumes_to_the_same_bits(void **state)
     sgs_threads_set(0);
 }
 
+// The regions are those of updates that this trainer has made.
+static void a_loaded_state_has_no_regions_of_the_state_before(void **state)
+{
+    (void)state;
+    sgs_trainer *trainer = start_saved(90, 2, "early");
+    while (!sgs_trainer_regions(trainer).count)
+        trainer_run(trainer, 1);
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "early")),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_regions(trainer).count, 0);
+    assert_int_equal(sgs_trainer_regions(trainer).iteration, 0);
+    sgs_trainer_destroy(trainer);
+}
+
 // With the schedule of the papers, which does not depend on the length.
 static void a_completed_run_that_continues_counts_no_iteration_twice(void **state)
 {
@@ -574,6 +588,7 @@ int main(void)
         cmocka_unit_test(a_checkpoint_of_format_3_is_refused_by_name),
         cmocka_unit_test(changed_options_are_used_or_refused_by_name),
         cmocka_unit_test(file_size_and_count_are_reported),
+        cmocka_unit_test(a_loaded_state_has_no_regions_of_the_state_before),
         cmocka_unit_test(an_equilibrium_is_final_until_its_options_change),
         cmocka_unit_test(a_full_disk_keeps_the_earlier_checkpoint),
     };

@@ -131,6 +131,22 @@ static void the_schedule_is_known_before_the_photographs(void **state)
     free(views);
 }
 
+// 44 bytes per voxel of the grid, unless no part of SPARE-GS uses it.
+static void the_memory_of_the_grid_is_estimated(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run();
+    size_t bytes[2][2];
+    for (int fine = 0; fine < 2; ++fine)
+        for (int spare = 0; spare < 2; ++spare) {
+            options.spare_grid = fine ? 256 : 32;
+            options.spare = spare ? SGS_SPARE_RAP : SGS_SPARE_EDT;
+            bytes[fine][spare] = sgs_train_memory(scene, &options, 0, 1000);
+        }
+    assert_true(bytes[1][0] == bytes[0][0]);
+    assert_true(bytes[1][1] - bytes[0][1] == 44 * ((size_t)(256 * 256 * 256) - 32 * 32 * 32));
+}
+
 // Photographs in half floats are not reduced.
 static void float_photographs_keep_their_size(void **state)
 {
@@ -253,6 +269,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_run_begins_with_half_the_size),
         cmocka_unit_test(the_schedule_is_known_before_the_photographs),
+        cmocka_unit_test(the_memory_of_the_grid_is_estimated),
         cmocka_unit_test(float_photographs_keep_their_size),
         cmocka_unit_test(a_resumed_run_has_the_same_sizes),
         cmocka_unit_test(runs_with_a_model_have_the_full_size),

@@ -441,6 +441,7 @@ sgs_status sgsi_ksplat_write(const char *path, const sgs_gaussians *model,
                   DEGREE_WRITTEN);
     if (level)
         warn_about_scales(path, model);
+    sgsi_warn_clipped_colors(path, "KSPLAT", model, 1.0);
     sgs_status status = level ? make_buckets(model, &buckets) : SGS_STATUS_OK;
     const size_t partial = buckets.count - buckets.full,
                  rows_at = 4 * partial + BUCKET_BYTES * buckets.count,

@@ -252,3 +252,21 @@ void sgsi_splat_deviation(const sgsi_splat *splat, double deviation[3])
         deviation[j] = sqrt(variance);
     }
 }
+
+void sgsi_warn_clipped_colors(const char *path, const char *format, const sgs_gaussians *model,
+                              double most)
+{
+    size_t clipped = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        bool bright = false;
+        for (int k = 0; k < 3; ++k)
+            bright = bright ||
+                     sgsi_color_from_dc((double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + k)) >
+                         most + 0.25;
+        clipped += bright;
+    }
+    if (clipped > model->count / 100)
+        sgsi_warn("%s: %s holds colours up to %.3g; %zu of %zu primitives are brighter and are "
+                  "clipped; write a .ply, .glb or .usda",
+                  path, format, most, clipped, model->count);
+}

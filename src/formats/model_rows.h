@@ -71,6 +71,11 @@ static inline double sgsi_color_from_dc(double coefficient)
 
 // ---- Writing ----
 
+// Warns if the colour of more than one percent of the primitives exceeds `most`, the largest that
+// `format` holds, by a quarter: the file clips highlights, as of linear light.
+void sgsi_warn_clipped_colors(const char *path, const char *format, const sgs_gaussians *model,
+                              double most);
+
 // A row with activated opacity and unit quaternion.
 typedef struct sgsi_splat {
     float mean[3], log_scale[3], dc[3];

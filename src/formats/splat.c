@@ -84,6 +84,7 @@ sgs_status sgsi_splat_write(const char *path, const sgs_gaussians *model,
     if (model->sh_degree)
         sgsi_warn("%s: .splat holds no SH; those of degree 1 to %d are omitted", path,
                   model->sh_degree);
+    sgsi_warn_clipped_colors(path, ".splat", model, 1.0);
     uint32_t *order = NULL;
     sgs_status status = sgsi_order_by_importance(model, NULL, &order);
     uint8_t *bytes = status ? NULL : sgsi_alloc(model->count + 1, SPLAT_BYTES);

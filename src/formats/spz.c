@@ -66,6 +66,7 @@ enum { AXES_COUNT = sizeof axes_table / sizeof *axes_table };
 static const double SQRT_HALF = 0.70710678118654752;
 static const double COORDINATE_MOST = 8388607.0; // without fractional bits
 static const double LOG_SCALE_LEAST = -10.0, LOG_SCALE_MOST = 255.0 / 16.0 - 10.0;
+static const double DC_MOST = 0.5 / 0.15; // largest coefficient of degree 0
 
 // deflate expands at most 1032 times; a header more for empty streams.
 static const size_t GZIP_RATIO = 1032;
@@ -565,6 +566,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
         return status;
     warn_about_positions(path, model, file.fractional_bits);
     warn_about_scales(path, model);
+    sgsi_warn_clipped_colors(path, "SPZ", model, sgsi_color_from_dc(DC_MOST));
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k)
         total += row_bytes(&file, k) * model->count;

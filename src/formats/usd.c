@@ -10,6 +10,7 @@
 
 #include "formats/model_format.h"
 
+#include <jansson.h>
 #include <string.h>
 
 #include "base/core.h"
@@ -97,16 +98,20 @@ static void write_extent(FILE *stream, const sgs_gaussians *model)
             low[1], low[2], high[0], high[1], high[2]);
 }
 
-// A text in double quotes.
+// A text in double quotes. Layers are UTF-8: in other texts '?' replaces the bytes outside of
+// ASCII.
 static void write_string(FILE *stream, const char *text)
 {
+    json_t *valid = json_string(text); // NULL if it is not UTF-8
     fputc('"', stream);
     for (; *text; ++text) {
-        if (*text == '"' || *text == '\\')
+        const unsigned char byte = (unsigned char)*text;
+        if (byte == '"' || byte == '\\')
             fputc('\\', stream);
-        fputc((unsigned char)*text < 32 ? '?' : *text, stream);
+        fputc(byte < 32 || (byte >= 0x80 && !valid) ? '?' : byte, stream);
     }
     fputc('"', stream);
+    json_decref(valid);
 }
 
 // A camera looks along -z with y up: the rows of its matrix are its axes in the world, then its

@@ -89,12 +89,32 @@ static void skip_string(usd_reader *reader, char quote)
     }
 }
 
+// Continues behind the next `mark`, or at the end of the text.
+static void skip_past(usd_reader *reader, const char *mark)
+{
+    const size_t length = strlen(mark);
+    for (; reader->at < reader->end && strncmp(reader->at, mark, length); ++reader->at)
+        reader->line += *reader->at == '\n';
+    reader->at += reader->at < reader->end ? length : 0;
+}
+
+// Behind its first '@'.
+static void skip_asset(usd_reader *reader)
+{
+    const bool triple = reader->at[0] == '@' && reader->at[1] == '@';
+    reader->at += triple ? 2 : 0;
+    skip_past(reader, triple ? "@@@" : "@");
+}
+
 static void skip_space(usd_reader *reader)
 {
     while (reader->at < reader->end) {
-        if (*reader->at == '#') {
+        if (*reader->at == '#' || (*reader->at == '/' && reader->at[1] == '/')) {
             while (reader->at < reader->end && *reader->at != '\n')
                 ++reader->at;
+        } else if (*reader->at == '/' && reader->at[1] == '*') {
+            reader->at += 2;
+            skip_past(reader, "*/");
         } else if (*reader->at == '\n') {
             ++reader->line;
             ++reader->at;
@@ -124,6 +144,10 @@ static bool next_token(usd_reader *reader, char word[MOST_WORD + 1])
         word[1] = 0;
         if (*word == '"' || *word == '\'')
             skip_string(reader, *word);
+        else if (*word == '@')
+            skip_asset(reader);
+        else if (*word == '<')
+            skip_past(reader, ">"); // a path
         return true;
     }
     for (; reader->at < reader->end && is_word(*reader->at); ++reader->at)
@@ -293,7 +317,7 @@ static sgs_status read_layer(usd_reader *reader)
             ++parentheses;
         } else if (!strcmp(word, ")")) {
             --parentheses;
-        } else if (!strcmp(word, "ParticleField3DGaussianSplat")) {
+        } else if (!strcmp(word, "ParticleField3DGaussianSplat") && !strcmp(previous, "def")) {
             is_splats = true;
         } else if (!strcmp(word, "{") && parentheses <= 0) {
             status = open_brace(reader, is_splats);

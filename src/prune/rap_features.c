@@ -325,7 +325,8 @@ sgs_status sgs_rap_features(const sgs_gaussians *model, sgs_progress_fn progress
 {
     if (model->count < 2)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "RAP compares a primitive with its neighbours; the model has %zu",
+                         "the model has %zu primitives; RAP compares primitives with their "
+                         "neighbours and requires at least 2",
                          model->count);
     rap_job job = {.model = model,
                    .wanted = model->count - 1 < NEIGHBOURS ? model->count - 1 : NEIGHBOURS,

@@ -21,6 +21,11 @@ printf '\xef\xbb\xbfsize,psnr\r\n10,20\r\n20,25\r\n40,29\r\n' >"$b"
 run 0 bd "$a" "$b"
 prints "BD-rate   +0.00 %"
 
+# commas_in_quotes_belong_to_the_field
+printf 'name,"size",psnr\n"x, 8",5,20\n"a ""y"", b",10,25\n "z" ,20,29\n' >"$b"
+run 0 bd "$a" "$b"
+prints "BD-rate   -50.00 %"
+
 # figures_without_a_common_range_are_null_with_a_reason
 printf 'size,psnr\n10,30\n20,35\n40,39\n' >"$b"
 run 0 bd "$a" "$b" --json

@@ -190,11 +190,11 @@ run 0 render "$model" "$room" --view 0009 --size 40x40 --aov rgba -o "$temporary
 check cropped_not_squashed oiiotool --fail 1e-3 --failpercent 2 "$temporary/wide/0009.exr" --cut 40x40+20+0 "$temporary/narrow/0009.exr" --diff
 
 # views_do_not_overwrite_each_other (equal stems keep their extension, equal names are numbered, no name leaves the folder)
-jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png"] |
+jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png", "d_flip.png"] |
     map($camera + {img_name: .})' "$model/cameras.json" >"$temporary/names.json"
 run 0 render "$model" --camera "$temporary/names.json" --size 20x15 --aov rgba -o "$temporary/names/inner"
 (cd "$temporary/names" && find . -type f | LC_ALL=C sort | tr '\n' ' ') >"$temporary/names.txt"
-check each_view_has_a_file test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
+check each_view_has_a_file test "$(cat "$temporary/names.txt")" = './inner/.hidden.exr ./inner/a.jpg.exr ./inner/a.png.exr ./inner/b.exr ./inner/c.exr ./inner/c_2.exr ./inner/c_2_2.exr ./inner/d.deep.png.exr ./inner/d.exr ./inner/d_flip.png.exr ./inner/in/a.exr ./inner/up.exr ./inner/view.exr '
 
 run 0 render "$model" --camera "$temporary/names.json" --frames 1-2 --size 20x15 --aov rgba -o "$temporary/part_of_names"
 check parts_have_the_names_of_the_whole test "$(pictures "$temporary/part_of_names" exr)" = 'a.png.exr b.exr '

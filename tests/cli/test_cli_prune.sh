@@ -90,6 +90,9 @@ reports "--near has no effect on --finetune, which trains with the near distance
 run 0 prune "$model" "$room" --method refine --scores "$temporary/x.csv" --filter none --seed 2
 reports "--seed has no effect without --finetune"
 reports "--filter has no effect on a score that renders no views"
+run 0 prune "$model" "$room" --method refine -o "$temporary/mip.ply" --ratio 0.5 --filter mip
+check no_warning test ! -s "$temporary/stderr"
+check the_filter_is_recorded grep -aq '^comment SplatRenderMode: mip$' "$temporary/mip.ply"
 run 1 prune "$temporary/light.ply" --method refine -o "$temporary/x.ply" --ratio 0.5
 reports "light.ply: no cameras: give SCENE, or a run folder with cameras.json"
 one_line

@@ -245,6 +245,8 @@ static void usda_is_read(void **state)
         "#usda 1.0\n(\n  doc = \"\"\"a { string } = [\n\"\"\"\n  upAxis = \"Z\" # { \n)\n"
         "def Camera \"C\" { matrix4d xformOp:transform = ( (1, 0, 0, 0), (0, 1, 0, 0) )\n }\n"
         "def Scope \"S\" (\n customData = { string image = \"}\" }\n)\n{\n"
+        "asset a = @./it's {.png@ // it's {\nasset b = @@@a@{@@@ /* it's\n{ */\n"
+        "rel r = </S/ParticleField3DGaussianSplat>\ndef Scope \"R\" {\n}\n"
         "matrix4d xformOp:transform = ( (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1) )\n"
         "double3 xformOp:translate = (0, -0.0, 0)\ndouble xformOp:rotateX:turn = 0\n"
         "float3 xformOp:scale = (1, 1, 1)\nquatf xformOp:orient = (1, 0, 0, 0)\n"

@@ -562,6 +562,42 @@ static void scales_beyond_the_format_cause_a_warning(void **state)
     temp_folder_remove(&folder);
 }
 
+// Two of 100 primitives have the colour; a format that holds it gives it back.
+static void colors_beyond_the_format_cause_a_warning(void **state)
+{
+    (void)state;
+    const struct {
+        const char *name, *warning; // NULL: none
+        float dc;
+    } cases[] = {{"a.spz", NULL, 3.3f},
+                 {"a.spz", "SPZ holds colours up to 1.44; 2 of 100 primitives are brighter", 4.4f},
+                 {"a.splat", NULL, 2.5f}, // clipped by less than a quarter
+                 {"a.splat", ".splat holds colours up to 1; 2 of 100 primitives are brighter", 3},
+                 {"a.ksplat", "KSPLAT holds colours up to 1; 2 of 100 primitives", 3},
+                 {"a.glb", NULL, 30}};
+    const temp_folder folder = temp_folder_make();
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        sgs_gaussians *model = model_random(100, 0);
+        for (size_t i = 0; i < 100; ++i)
+            for (int j = 0; j < 3; ++j)
+                *sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + j) =
+                    i % 50 == 7 && j == 1 ? cases[k].dc : 0.5f;
+        sgs_gaussians *back = read_back(temp_path(&folder, cases[k].name), model, NULL);
+        float most = 0;
+        for (size_t i = 0; i < back->count; ++i)
+            most = fmaxf(most, *sgs_gaussians_at(back, i, SGS_PARAM_SH_DC + 1));
+        assert_true(!strcmp(cases[k].name, "a.splat") ||
+                    (fabsf(most - cases[k].dc) <= 0.02f) == !cases[k].warning);
+        if (!cases[k].warning)
+            assert_string_equal(range_warning, "");
+        else
+            assert_non_null(strstr(range_warning, cases[k].warning));
+        sgs_gaussians_destroy(back);
+        sgs_gaussians_destroy(model);
+    }
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -577,6 +613,7 @@ int main(void)
         cmocka_unit_test(far_coordinates_of_spz_are_refused),
         cmocka_unit_test(coarse_positions_of_spz_cause_a_warning),
         cmocka_unit_test(scales_beyond_the_format_cause_a_warning),
+        cmocka_unit_test(colors_beyond_the_format_cause_a_warning),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

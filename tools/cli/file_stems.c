@@ -94,7 +94,7 @@ static bool extends_another(const char *stem, char ***order, size_t count)
     char *const start = format_text("%s", stem), *const slash = strrchr(start, '/');
     bool found = false;
     for (char *end = start + strlen(start); !found && end > (slash ? slash + 1 : start); --end)
-        if (*end == '.' || !strcmp(end, "_photo")) {
+        if (*end == '.' || !strcmp(end, "_photo") || !strcmp(end, "_flip")) {
             *end = 0;
             found = bsearch(start, order, count, sizeof *order, find_stem);
         }

@@ -20,6 +20,7 @@
 
 #include "cli/json_result.h"
 #include "cli/option_list.h"
+#include "cli/output.h"
 #include "cli/progress.h"
 
 enum { HELP_INDENT = 30, HELP_WIDTH = 100, LONGEST_WORD = 63, NEEDS_MOST = 200 };
@@ -632,11 +633,36 @@ void warn_idle(const command_line *line, const char *names, const char *why)
             print_warning("--%s has no effect %s", name, why);
 }
 
+static bool same_inode(const struct stat *first, const struct stat *second)
+{
+    return first->st_dev == second->st_dev && first->st_ino == second->st_ino;
+}
+
+// True if two paths name the same file in the same folder, which need not contain it yet.
+static bool same_entry(const char *a, const char *b)
+{
+    const char *names[2] = {a, b};
+    struct stat folders[2];
+    for (int k = 0; k < 2; ++k) {
+        const char *path = names[k], *slash = strrchr(path, '/');
+        char *folder = slash ? format_text("%.*s/", (int)(slash - path), path) : format_text(".");
+        const bool exists = !stat(folder, &folders[k]);
+        free(folder);
+        if (!exists)
+            return false;
+        names[k] = slash ? slash + 1 : path;
+    }
+    return !strcmp(names[0], names[1]) && same_inode(&folders[0], &folders[1]);
+}
+
 bool same_file(const char *a, const char *b)
 {
     struct stat first, second;
-    return !strcmp(a, b) || (!stat(a, &first) && !stat(b, &second) && S_ISREG(first.st_mode) &&
-                             first.st_dev == second.st_dev && first.st_ino == second.st_ino);
+    if (!strcmp(a, b))
+        return true;
+    if (stat(a, &first) || stat(b, &second))
+        return same_entry(a, b);
+    return S_ISREG(first.st_mode) && same_inode(&first, &second);
 }
 
 int refuse_input(const char *name, const char *path)
@@ -670,16 +696,25 @@ static int check_apart(const command_line *line, const option *output, const cha
     return -1;
 }
 
-static int check_outputs_apart(const command_line *line)
+// input: one that the operands do not name, or NULL: then the operands and options are checked.
+static int check_outputs(const command_line *line, const char *input)
 {
     int status = -1;
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count && status < 0; ++i) {
             const option *row = &line->groups[g].options[i];
             const char *path = row->path == PATH_OUTPUT ? path_of(&line->groups[g], i) : NULL;
-            status = path ? check_apart(line, row, path) : -1;
+            if (path && !input)
+                status = check_apart(line, row, path);
+            else if (path && same_file(path, input))
+                status = refuse_input(row->name, path);
         }
     return status;
+}
+
+int refuse_outputs_at(const command_line *line, const char *input)
+{
+    return check_outputs(line, input);
 }
 
 int command_line_parse(command_line *line, int argc, char **argv)
@@ -719,7 +754,7 @@ int command_line_parse(command_line *line, int argc, char **argv)
     if (line->operand_count < line->operand_minimum)
         return fail_usage("missing argument; usage: sparegs %s %s", line->command, line->synopsis);
     const int status = check_needs(line);
-    return status < 0 ? check_outputs_apart(line) : status;
+    return status < 0 ? check_outputs(line, NULL) : status;
 }
 
 const option *find_option(const command_line *line, const char *name)

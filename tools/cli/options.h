@@ -107,8 +107,11 @@ bool option_given(const command_line *line, const char *name);
 // continue, or EXIT_USAGE.
 int refuse_idle(const command_line *line, const char *names, const char *why);
 void warn_idle(const command_line *line, const char *names, const char *why);
-// True if both are the same name or the same existing file.
+// True if both are the same name, the same existing file, or the same name in the same folder.
 bool same_file(const char *a, const char *b);
+// Refuses output options that name `input`, such as the model in a run folder: returns -1 to
+// continue, or EXIT_USAGE. The parser has checked them against the operands.
+int refuse_outputs_at(const command_line *line, const char *input);
 // Refuses the output --name, which would replace an input; returns EXIT_USAGE.
 int refuse_input(const char *name, const char *path);
 

@@ -33,19 +33,33 @@ typedef struct curve {
     size_t count;
 } curve;
 
+// Length of the field that begins at `at`: up to the next comma outside of double quotes.
+static size_t field_length(const char *at)
+{
+    size_t length = 0;
+    for (bool quoted = false; at[length] && !strchr("\r\n", at[length]); ++length) {
+        quoted ^= at[length] == '"';
+        if (at[length] == ',' && !quoted)
+            break;
+    }
+    return length;
+}
+
 // Splits a line at commas in place, without surrounding spaces and quotes. Returns the field
 // `index`, or NULL.
 static char *field_of(char *line, int index)
 {
     char *at = line;
     for (int k = 0; k < index && at; ++k) {
-        at = strchr(at, ',');
-        at = at ? at + 1 : NULL;
+        at += field_length(at);
+        at = *at == ',' ? at + 1 : NULL;
     }
     if (!at)
         return NULL;
-    at += strspn(at, " \t\"");
-    size_t length = strcspn(at, ",\r\n");
+    size_t length = field_length(at);
+    const size_t before = strspn(at, " \t\"");
+    at += before < length ? before : length;
+    length -= before < length ? before : length;
     while (length && strchr(" \t\"", at[length - 1]))
         --length;
     at[length] = '\0';

@@ -405,7 +405,11 @@ static int run_compress(const command_call *call, const compress_values *values,
             scene_warn_idle(scene, data, &call->line);
     }
     drawing_resolve(drawing, &call->line, located->config, data, scene);
-    const bool read = model_read(located, drawing, &model);
+    bool read = model_read(located, drawing, &model);
+    if (read && !model->count) {
+        fail_run("%s: contains no primitives", located->ply_path);
+        read = false;
+    }
     const sgs_render_options render = drawing_render_options(drawing);
     sgs_compress_options options = sgs_compress_options_default();
     options.method = (sgs_compress_method)values->method;
@@ -460,11 +464,10 @@ int command_compress(int argc, char **argv)
                       values.output, sgs_model_format_name(format));
     interrupt_watch();
     model_path located;
-    if (!model_locate(call.line.operands[0], &located))
-        status = EXIT_FAILED;
-    else if (same_file(values.output, located.ply_path))
-        status = refuse_input("output", values.output);
-    else
+    status = model_locate(call.line.operands[0], &located)
+                 ? refuse_outputs_at(&call.line, located.ply_path)
+                 : EXIT_FAILED;
+    if (status < 0)
         status = run_compress(&call, &values, &data, &drawing, &located);
     model_path_free(&located);
     return status;

@@ -280,6 +280,8 @@ static int run_profile(const command_line *line, const profile_values *values,
     char *reason = counters ? NULL : format_text("%s", sgs_last_error());
     int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
     if (status < 0)
+        status = refuse_outputs_at(line, located.ply_path);
+    if (status < 0)
         status = model_scene_resolve(data, line, &located);
     if (status < 0 && values->output &&
         !(make_folder(values->output) && check_writable(values->output)))

@@ -220,7 +220,10 @@ static void warn_idle_options(const pruning *p)
         warn_idle(p->line, "masks|invert-masks|alpha|image-cache|input-colorspace|background",
                   "without --finetune: the score reads no photographs");
     if (!p->values->finetune && !needs_views(p->values->method))
-        warn_idle(p->line, "filter|compact-box|near|eval|test-every|test-images",
+        // The filter is recorded in OUT.
+        warn_idle(p->line,
+                  p->values->output ? "compact-box|near|eval|test-every|test-images"
+                                    : "filter|compact-box|near|eval|test-every|test-images",
                   "on a score that renders no views");
     else if (!needs_views(p->values->method))
         warn_idle(p->line, "near",
@@ -448,19 +451,37 @@ static char *output_path(const pruning *p, int k)
                : format_text("%s", p->values->output);
 }
 
-// Checks before the work that the files can be written. False after printing the error.
-static bool check_outputs(const pruning *p)
+// Refuses a model at `path` that would replace the input or a table.
+static int refuse_replacing(const pruning *p, const char *path)
+{
+    if (same_file(path, p->located.ply_path))
+        return refuse_input("output", path);
+    const char *const names[] = {"scores", "features"};
+    const char *const tables[] = {p->values->scores, p->values->features};
+    for (size_t t = 0; t < sizeof tables / sizeof *tables; ++t)
+        if (tables[t] && same_file(path, tables[t]))
+            return fail_usage("--%s and --output are both %s; choose different files", names[t],
+                              path);
+    return -1;
+}
+
+// Checks before the work that the files can be written and replace nothing of the command. Returns
+// -1 to continue, or an exit status.
+static int check_outputs(const pruning *p)
 {
     const char *const tables[] = {p->values->scores, p->values->features};
-    bool good = true;
-    for (size_t t = 0; t < sizeof tables / sizeof *tables && good; ++t)
-        good = !tables[t] || check_output(tables[t]);
-    for (int k = 0; k < p->ratios.count && good; ++k) {
+    int status = refuse_outputs_at(p->line, p->located.ply_path);
+    for (size_t t = 0; t < sizeof tables / sizeof *tables && status < 0; ++t)
+        if (tables[t] && !check_output(tables[t]))
+            status = EXIT_FAILED;
+    for (int k = 0; k < p->ratios.count && status < 0; ++k) {
         char *path = output_path(p, k);
-        good = check_output(path);
+        status = refuse_replacing(p, path);
+        if (status < 0 && !check_output(path))
+            status = EXIT_FAILED;
         free(path);
     }
-    return good;
+    return status;
 }
 
 static bool make_output(pruning *p, int k)
@@ -496,6 +517,10 @@ static bool prune(pruning *p)
     const double start = clock_seconds();
     if (!model_read(&p->located, &p->drawing, &p->model))
         return false;
+    if (!p->model->count) {
+        fail_run("%s: contains no primitives", p->located.ply_path);
+        return false;
+    }
     if (p->common->json)
         p->outputs = json_array();
     bool done = compute_scores(p) && write_tables(p);
@@ -549,10 +574,10 @@ int command_prune(int argc, char **argv)
         return status;
     interrupt_watch();
     p.model_name = call.line.operands[0];
-    bool done = check_outputs(&p) && model_locate(p.model_name, &p.located);
-    if (done && values.output && same_file(values.output, p.located.ply_path))
-        status = refuse_input("output", values.output);
-    else if (done)
+    bool done = model_locate(p.model_name, &p.located);
+    if (done)
+        status = check_outputs(&p);
+    if (done && status < 0)
         status = model_scene_resolve(&data, &call.line, &p.located);
     if (status < 0)
         done = done && open_scene(&p, &data) && prune(&p);

@@ -121,7 +121,8 @@ typedef struct sgs_pipeline_options {
     double mcmc_opacity_loss; // MCMC: weight of the mean opacity in the loss; 0.01
     double mcmc_scale_loss;   // MCMC: weight of the mean scale in the loss; 0.01
     // MCMC: fraction of the primitives added per 100 iterations of the 30 000-iteration schedule;
-    // 0.05.
+    // 0.05. Below 30 000 iterations at most; up to 7000 only as much as reaches max_gaussians after
+    // a fifth of the updates.
     double mcmc_growth;
     double mcmc_start_opacity; // MCMC: of the initial primitives; 0.5
     // MCMC: scale of the initial primitives, as a multiple of the RMS distance to the three nearest
@@ -278,8 +279,8 @@ typedef struct sgs_region {
     uint32_t redundant; // removed by RAP only
 } sgs_region;
 
-// All regions of the last structural update; none, with iteration 0, if there was no update yet or
-// the last one was without SPARE-GS.
+// All regions of the last structural update; none, with iteration 0, if there was no update since
+// the trainer was created or loaded a checkpoint, or the last one was without SPARE-GS.
 typedef struct sgs_regions {
     int iteration, grid;
     double low[3], cell[3]; // lower corner of the grid and size of a voxel, world units

@@ -316,7 +316,7 @@ static const sgs_train_option table[] = {
      .high = 1,
      .values = "X",
      .help = "MCMC: fraction of primitives added per 100 iterations of the 30000-iteration "
-             "schedule, up to the maximum number",
+             "schedule, up to the maximum number; in short scaled runs at most",
      .group = base_pipelines,
      ONLY(MCMC)},
     {.name = "mcmc_start_opacity",

@@ -494,99 +494,6 @@ static void rows_that_are_not_finite_are_removed_and_never_drawn(void **state)
     drop(f);
 }
 
-// ---- Short runs ----
-
-static const int lengths[] = {7000, 14491, 30000}; // the middle one: the geometric mean
-
-// The rows of 3000 that share an opacity lie around the mean of their source by the covariance of
-// the new scales: whitened, the offsets are normal with the same standard deviation on each axis.
-static void divided_rows_spread_in_a_short_run(void **state)
-{
-    (void)state;
-    static const double expected[] = {0.8, 0.4, 0};
-    static const double q[4] = {0.5, -0.1, 0.7, 0.5}; // of norm 1
-    const double w = q[0], x = q[1], y = q[2], z = q[3];
-    const double axes[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)},
-                               {2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)},
-                               {2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)}};
-    for (size_t l = 0; l < 3; ++l) {
-        fixture *f = make(&sgsi_pipeline_mcmc, 3000, 1e-3f);
-        f->train.iterations = lengths[l];
-        f->options.max_count = 4500;
-        f->options.growth = 0.5;
-        for (size_t i = 0; i < 3000; ++i)
-            for (int k = 0; k < 4; ++k) {
-                *sgs_gaussians_at(f->model, i, SGS_PARAM_ROTATION + k) = (float)(2 * q[k]);
-                if (k < 3)
-                    *sgs_gaussians_at(f->model, i, SGS_PARAM_SCALE + k) = (float)(k - 6);
-            }
-        for (size_t i = 0; i < 500; ++i)
-            set_faint(f, i);
-        assert_int_equal(update(f), 4500);
-        double sum[3] = {0}, square[3][3] = {{0}}, n = 0;
-        for (size_t i = 0; i < 4500; ++i) {
-            const float row = *sgs_gaussians_at(f->model, i, SGS_PARAM_SH_DC);
-            double offset[3], white[3];
-            for (int k = 0; k < 3; ++k)
-                offset[k] = (double)*sgs_gaussians_at(f->model, i, SGS_PARAM_MEAN + k) -
-                            (double)(float)sgsi_random_uniform(9, 3 * (uint64_t)row + (uint64_t)k);
-            for (int a = 0; a < 3; ++a)
-                white[a] =
-                    (axes[a][0] * offset[0] + axes[a][1] * offset[1] + axes[a][2] * offset[2]) /
-                    exp((double)*sgs_gaussians_at(f->model, i, SGS_PARAM_SCALE + a));
-            if (copies_of(f, row) == 1 || l == 2) {
-                assert_true(offset[0] == 0 && offset[1] == 0 && offset[2] == 0);
-                continue;
-            }
-            ++n;
-            for (int a = 0; a < 3; ++a) {
-                sum[a] += white[a];
-                for (int b = 0; b <= a; ++b)
-                    square[a][b] += white[a] * white[b];
-            }
-        }
-        assert_true(l == 2 || n > 2500);
-        const double s = expected[l];
-        for (int a = 0; a < 3 && l < 2; ++a) {
-            assert_true(fabs(sum[a] / n) <= 4.5 * s / sqrt(n));
-            assert_true(fabs(square[a][a] / n - s * s) <= 4.5 * s * s * sqrt(2 / n) + 1e-3 * s);
-            for (int b = 0; b < a; ++b)
-                assert_true(fabs(square[a][b] / n) <= 4.5 * s * s / sqrt(n));
-        }
-        drop(f);
-    }
-    fixture *given = make(&sgsi_pipeline_mcmc, 100, 1e-3f);
-    given->train.iterations = 7000;
-    given->train.pipeline_options.mcmc_noise = 5e5;
-    given->options.growth = 1;
-    assert_int_equal(update(given), 200);
-    for (size_t i = 0; i < 200; ++i) // a given noise: no spread
-        assert_true(*sgs_gaussians_at(given->model, i, SGS_PARAM_MEAN) ==
-                    (float)sgsi_random_uniform(
-                        9, 3 * (uint64_t)*sgs_gaussians_at(given->model, i, SGS_PARAM_SH_DC)));
-    drop(given);
-}
-
-// Noise replaces the spread: none up to 7000 iterations, the published amount at 30 000.
-static void noise_begins_where_the_spread_ends(void **state)
-{
-    (void)state;
-    static const double expected[] = {0, 0.5, 1};
-    sgs_train_options train = sgs_train_options_default();
-    train.pipeline = SGS_PIPELINE_MCMC;
-    for (size_t l = 0; l < 3; ++l) {
-        train.iterations = lengths[l];
-        const double noise = sgsi_pipeline_sampling(&train, 5).noise;
-        assert_true(fabs(noise - expected[l] * 5e5) <= 5e5 * 1e-4);
-    }
-    train.iterations = 7000;
-    train.schedule = SGS_SCHEDULE_PAPER;
-    assert_true(sgsi_pipeline_sampling(&train, 5).noise == 5e5);
-    train.schedule = SGS_SCHEDULE_SCALED;
-    train.pipeline_options.mcmc_noise = 3; // a given value is used as it is
-    assert_true(sgsi_pipeline_sampling(&train, 5).noise == 3);
-}
-
 // ---- SPARE-GS ----
 
 // 150 rows in one voxel and 50 in voxels of their own.
@@ -729,8 +636,6 @@ int main(void)
         cmocka_unit_test(relocation_and_growth_combine),
         cmocka_unit_test(without_a_living_row_nothing_moves),
         cmocka_unit_test(rows_that_are_not_finite_are_removed_and_never_drawn),
-        cmocka_unit_test(divided_rows_spread_in_a_short_run),
-        cmocka_unit_test(noise_begins_where_the_spread_ends),
         cmocka_unit_test(weights_change_the_growth_and_the_draws),
         cmocka_unit_test(redundant_rows_leave_faintest_first_and_lower_the_cap),
         cmocka_unit_test(published_runs_delete_half_of_the_growth),

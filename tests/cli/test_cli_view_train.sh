@@ -63,10 +63,13 @@ fi
 # viewing_keeps_the_bits
 run 0 train "${small[@]}" -o "$temporary/alone" --iterations 150
 start viewed --iterations 150 --view-share 50
+page action pause leave # until both pages are connected
 python3 "$client" "$url" move >"$temporary/first" 2>&1 &
 first=$!
 python3 "$client" "$url" move >"$temporary/second" 2>&1 &
 second=$!
+sleep 2
+page action continue leave
 ends 0
 wait "$first" "$second"
 hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }

@@ -437,7 +437,8 @@ static sgs_status check_ready(const sgs_trainer *trainer)
 
 // Continues a run that completed a shorter schedule: its last iteration changed counters only and
 // is repeated, so that the state equals that of a run with the present length. The rate of exposure
-// and the last refreshes of the 3D filter depend on the length and are those of the shorter one.
+// and the last refreshes of the 3D filter depend on the length and are those of the shorter one. If
+// the shorter run ended at a final pruning (fastgs), its last batch stayed open and is dropped.
 static sgs_status repeat_last(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;

@@ -234,11 +234,11 @@ static sgs_status grow(chain_update *chain)
         stay += !chain->gone[i];
         base += chain->gone[i] ? 0.0 : fmin(weight_now(c, i), 1.0);
     }
-    weigh_by_gradient(chain);
     const size_t wanted = (size_t)floor(growth_now(chain->options, stay, cap) * base + 1e-9);
     const size_t room = cap > stay ? cap - stay : 0, draws = wanted < room ? wanted : room;
     if (!draws)
         return SGS_STATUS_OK;
+    weigh_by_gradient(chain);
     bool drew;
     const sgs_status status = divide_sources(chain, draws, DRAW_GROWTH, &drew);
     for (size_t i = 0; i < c->count && !status && drew; ++i)

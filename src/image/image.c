@@ -273,12 +273,7 @@ sgs_status sgs_png_write_described(const char *path, const sgs_image8 *image,
     sgs_status status = sgsi_oiio_png_encode(path, image, description, &bytes, &size);
     if (status)
         return status;
-    sgs_output_file file;
-    status = sgs_output_file_open(&file, path);
-    if (!status) {
-        fwrite(bytes, 1, size, file.stream); // an error stays with the stream and fails the commit
-        status = sgs_output_file_commit(&file);
-    }
+    status = sgs_output_file_write(path, bytes, size);
     sgsi_free(bytes);
     return status;
 }

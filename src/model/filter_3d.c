@@ -3,7 +3,7 @@
 
 // Mip-Splatting (Yu et al. 2024, section 5.1). A camera of focal length f samples a primitive at
 // depth z at intervals of z / f; finer detail is not in the images. f3 = sqrt(0.2) min z / F: the
-// minimum over the training views that see the mean at z > nearest (0.2 in the paper) inside the
+// minimum over the training views that see the mean at z > near_limit (0.2 in the paper) inside the
 // image plus a margin of 15 %, F the largest focal length of all views. Depth is z; for fisheye
 // lenses it is the distance, and the margin is tested on the projected point. Other lenses are
 // treated as pinholes, as in the original.
@@ -22,7 +22,7 @@ typedef struct sampling_job {
     const sgs_scene *scene;
     const size_t *views;
     size_t view_count;
-    double nearest;
+    double near_limit;
     float *filter_3d; // first the nearest depth, -1 if no view samples the primitive
 } sampling_job;
 
@@ -33,7 +33,7 @@ static bool inside(double u, double v, const sgs_camera *camera)
 }
 
 // Depth at which a view samples a point; negative if it does not.
-static double sampled_depth(const sgs_view *view, const double mean[3], double nearest)
+static double sampled_depth(const sgs_view *view, const double mean[3], double near_limit)
 {
     double p[3], fx, fy, cx, cy, pixel[2];
     for (int row = 0; row < 3; ++row)
@@ -42,11 +42,11 @@ static double sampled_depth(const sgs_view *view, const double mean[3], double n
                  view->pose.rotation[3 * row + 2] * mean[2] + view->pose.translation[row];
     if (sgs_camera_is_fisheye(view->camera.model)) {
         const double distance = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
-        const bool seen = distance > nearest && sgs_camera_project(&view->camera, p, pixel) &&
+        const bool seen = distance > near_limit && sgs_camera_project(&view->camera, p, pixel) &&
                           inside(pixel[0], pixel[1], &view->camera);
         return seen ? distance : -1.0;
     }
-    if (!(p[2] > nearest))
+    if (!(p[2] > near_limit))
         return -1.0;
     sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
     return inside(fx * p[0] / p[2] + cx, fy * p[1] / p[2] + cy, &view->camera) ? p[2] : -1.0;
@@ -62,7 +62,7 @@ static void sample_range(void *context, size_t begin, size_t end, int thread)
             mean[k] = (double)*sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + k);
         for (size_t v = 0; v < job->view_count; ++v) {
             const double depth =
-                sampled_depth(&job->scene->views[job->views[v]], mean, job->nearest);
+                sampled_depth(&job->scene->views[job->views[v]], mean, job->near_limit);
             if (depth > 0.0 && (nearest < 0.0 || depth < nearest))
                 nearest = depth;
         }
@@ -71,9 +71,9 @@ static void sample_range(void *context, size_t begin, size_t end, int thread)
 }
 
 float sgsi_filter_3d_sample(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
-                            size_t view_count, double nearest, float *filter_3d)
+                            size_t view_count, double near_limit, float *filter_3d)
 {
-    sampling_job job = {model, scene, views, view_count, nearest, filter_3d};
+    sampling_job job = {model, scene, views, view_count, near_limit, filter_3d};
     sgsi_parallel_ranges(model->count, 1024, sample_range, &job);
     float farthest = 0.0f;
     for (size_t i = 0; i < model->count; ++i)

@@ -306,7 +306,6 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
     if (status)
         return status;
     count_traffic(trainer, view);
-    // Chain rule, statistics for density control, Adam.
     if (!isfinite(view->loss.loss)) {
         sgsi_skip_step(&trainer->progress.skipped, view->iteration, view->source->name,
                        view->loss.loss);
@@ -315,6 +314,7 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
     if (views->exposure && view->iteration < trainer->options.iterations)
         sgsi_exposure_step(views->exposure, view->index,
                            sgsi_exposure_lr(view->iteration, trainer->options.iterations));
+    // Chain rule, statistics for density control, Adam.
     const bool steps = ends_batch(trainer, view->iteration);
     const int batch = trainer->progress.batch_views + 1;
     status = sgsi_trainer_optimize(trainer, view, &info->visible);

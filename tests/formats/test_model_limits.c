@@ -465,6 +465,15 @@ static void keep_warning(void *user, const char *message)
     snprintf(range_warning, sizeof range_warning, "%s", message);
 }
 
+// NULL: none.
+static void assert_warning(const char *expected)
+{
+    if (!expected)
+        assert_string_equal(range_warning, "");
+    else
+        assert_non_null(strstr(range_warning, expected));
+}
+
 // Writes the model and reads it back; the warning of the writer is in range_warning.
 static sgs_gaussians *read_back(const char *path, const sgs_gaussians *model,
                                 const sgs_model_write_options *options)
@@ -519,10 +528,7 @@ static void coarse_positions_of_spz_cause_a_warning(void **state)
     for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c) {
         *sgs_gaussians_at(model, 100, SGS_PARAM_MEAN) = cases[c].far;
         sgs_gaussians_destroy(read_back(temp_path(&folder, "a.spz"), model, NULL));
-        if (!cases[c].warning)
-            assert_string_equal(range_warning, "");
-        else
-            assert_non_null(strstr(range_warning, cases[c].warning));
+        assert_warning(cases[c].warning);
     }
     sgs_gaussians_destroy(model);
     temp_folder_remove(&folder);
@@ -552,10 +558,7 @@ static void scales_beyond_the_format_cause_a_warning(void **state)
         sgs_gaussians *back = read_back(temp_path(&folder, cases[k].name), model, NULL);
         assert_int_equal(back->count, 3);
         assert_float_equal(*sgs_gaussians_at(back, 1, SGS_PARAM_SCALE + 2), cases[k].back, 1e-3);
-        if (!cases[k].warning)
-            assert_string_equal(range_warning, "");
-        else
-            assert_non_null(strstr(range_warning, cases[k].warning));
+        assert_warning(cases[k].warning);
         sgs_gaussians_destroy(back);
         sgs_gaussians_destroy(model);
     }
@@ -588,10 +591,7 @@ static void colors_beyond_the_format_cause_a_warning(void **state)
             most = fmaxf(most, *sgs_gaussians_at(back, i, SGS_PARAM_SH_DC + 1));
         assert_true(!strcmp(cases[k].name, "a.splat") ||
                     (fabsf(most - cases[k].dc) <= 0.02f) == !cases[k].warning);
-        if (!cases[k].warning)
-            assert_string_equal(range_warning, "");
-        else
-            assert_non_null(strstr(range_warning, cases[k].warning));
+        assert_warning(cases[k].warning);
         sgs_gaussians_destroy(back);
         sgs_gaussians_destroy(model);
     }

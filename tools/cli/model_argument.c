@@ -82,6 +82,16 @@ bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussian
     return true;
 }
 
+bool model_read_filled(const model_path *located, drawing_values *drawing,
+                       sgs_gaussians **gaussians)
+{
+    if (!model_read(located, drawing, gaussians))
+        return false;
+    if (!(*gaussians)->count)
+        fail_run("%s: contains no primitives", located->ply_path);
+    return (*gaussians)->count > 0;
+}
+
 int model_scene_resolve(scene_values *values, const command_line *line, const model_path *located)
 {
     sgs_model_colors colors;

@@ -679,12 +679,9 @@ static const char *path_of(const option_group *group, size_t i)
                                        : NULL;
 }
 
-// Rejects an output at `path` that would replace an input, or another output.
+// Rejects an output at `path` that would replace that of another option, or its input.
 static int check_apart(const command_line *line, const option *output, const char *path)
 {
-    for (int k = 0; k < line->operand_count; ++k)
-        if (same_file(path, line->operands[k]))
-            return refuse_input(output->name, path);
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i) {
             const option *row = &line->groups[g].options[i];
@@ -696,25 +693,34 @@ static int check_apart(const command_line *line, const option *output, const cha
     return -1;
 }
 
-// input: one that the operands do not name, or NULL: then the operands and options are checked.
-static int check_outputs(const command_line *line, const char *input)
+// The path of an output option, or NULL.
+static const char *output_of(const option_group *group, size_t i)
 {
-    int status = -1;
-    for (size_t g = 0; g < line->group_count; ++g)
-        for (size_t i = 0; i < line->groups[g].count && status < 0; ++i) {
-            const option *row = &line->groups[g].options[i];
-            const char *path = row->path == PATH_OUTPUT ? path_of(&line->groups[g], i) : NULL;
-            if (path && !input)
-                status = check_apart(line, row, path);
-            else if (path && same_file(path, input))
-                status = refuse_input(row->name, path);
-        }
-    return status;
+    return group->options[i].path == PATH_OUTPUT ? path_of(group, i) : NULL;
 }
 
 int refuse_outputs_at(const command_line *line, const char *input)
 {
-    return check_outputs(line, input);
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count; ++i) {
+            const char *path = output_of(&line->groups[g], i);
+            if (path && same_file(path, input))
+                return refuse_input(line->groups[g].options[i].name, path);
+        }
+    return -1;
+}
+
+static int check_outputs_apart(const command_line *line)
+{
+    int status = -1;
+    for (int k = 0; k < line->operand_count && status < 0; ++k)
+        status = refuse_outputs_at(line, line->operands[k]);
+    for (size_t g = 0; g < line->group_count; ++g)
+        for (size_t i = 0; i < line->groups[g].count && status < 0; ++i) {
+            const char *path = output_of(&line->groups[g], i);
+            status = path ? check_apart(line, &line->groups[g].options[i], path) : -1;
+        }
+    return status;
 }
 
 int command_line_parse(command_line *line, int argc, char **argv)
@@ -754,7 +760,7 @@ int command_line_parse(command_line *line, int argc, char **argv)
     if (line->operand_count < line->operand_minimum)
         return fail_usage("missing argument; usage: sparegs %s %s", line->command, line->synopsis);
     const int status = check_needs(line);
-    return status < 0 ? check_outputs(line, NULL) : status;
+    return status < 0 ? check_outputs_apart(line) : status;
 }
 
 const option *find_option(const command_line *line, const char *name)

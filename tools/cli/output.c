@@ -12,7 +12,6 @@
 
 #include "cli/input_file.h"
 #include "cli/progress.h"
-#include "sparegs/output_file.h"
 
 char *format_text(const char *format, ...)
 {
@@ -142,6 +141,16 @@ int free_number(const char *folder, const char *stem, const char *ending)
     fail_run("%s: %s_0001.%s to %s_%d.%s exist; move some of them away", folder, stem, ending, stem,
              LAST, ending);
     return 0;
+}
+
+bool open_output(const char *path, sgs_output_file *file)
+{
+    if (!make_folder_of(path))
+        return false;
+    const bool opened = !sgs_output_file_open(file, path);
+    if (!opened)
+        fail_library();
+    return opened;
 }
 
 bool write_text(const char *path, const char *text)

@@ -8,6 +8,8 @@
 #include <stdbool.h>
 #include <stdio.h>
 
+#include "sparegs/output_file.h"
+
 // printf into a new string; release with free(). Exits if out of memory.
 char *format_text(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
@@ -25,6 +27,8 @@ bool file_exists(const char *path);
 // printing the error.
 int free_number(const char *folder, const char *stem, const char *ending);
 
+// Creates the parent folder of a file and opens it (sparegs/output_file.h).
+bool open_output(const char *path, sgs_output_file *file);
 // Replaces the file when the new one is complete (sparegs/output_file.h).
 bool write_text(const char *path, const char *text);
 

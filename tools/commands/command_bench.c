@@ -253,11 +253,7 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
                 (scene = scene_open(scene_path, data, false)) != NULL;
     if (done)
         drawing_resolve(&drawing, line, located.config, data, scene);
-    done = done && model_read(&located, &drawing, &gaussians);
-    if (done && !gaussians->count) {
-        fail_run("%s: contains no primitives", located.ply_path);
-        done = false;
-    }
+    done = done && model_read_filled(&located, &drawing, &gaussians);
     if (done) {
         sgs_view views[16];
         const size_t wanted = (size_t)run->values->views;

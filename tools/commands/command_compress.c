@@ -405,11 +405,7 @@ static int run_compress(const command_call *call, const compress_values *values,
             scene_warn_idle(scene, data, &call->line);
     }
     drawing_resolve(drawing, &call->line, located->config, data, scene);
-    bool read = model_read(located, drawing, &model);
-    if (read && !model->count) {
-        fail_run("%s: contains no primitives", located->ply_path);
-        read = false;
-    }
+    const bool read = model_read_filled(located, drawing, &model);
     const sgs_render_options render = drawing_render_options(drawing);
     sgs_compress_options options = sgs_compress_options_default();
     options.method = (sgs_compress_method)values->method;

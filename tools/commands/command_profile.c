@@ -292,10 +292,8 @@ static int run_profile(const command_line *line, const profile_values *values,
     }
     if (status < 0) {
         drawing_resolve(drawing, line, located.config, data, scene);
-        status = model_read(&located, drawing, &model) ? -1 : EXIT_FAILED;
+        status = model_read_filled(&located, drawing, &model) ? -1 : EXIT_FAILED;
     }
-    if (status < 0 && !model->count)
-        status = fail_run("%s: contains no primitives", located.ply_path);
     if (status < 0) {
         if (!option_given(line, "compact-box"))
             drawing->compact_box = 1; // a profile counts hits of the whole support

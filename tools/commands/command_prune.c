@@ -515,12 +515,8 @@ static bool print_result(pruning *p, double seconds)
 static bool prune(pruning *p)
 {
     const double start = clock_seconds();
-    if (!model_read(&p->located, &p->drawing, &p->model))
+    if (!model_read_filled(&p->located, &p->drawing, &p->model))
         return false;
-    if (!p->model->count) {
-        fail_run("%s: contains no primitives", p->located.ply_path);
-        return false;
-    }
     if (p->common->json)
         p->outputs = json_array();
     bool done = compute_scores(p) && write_tables(p);

@@ -24,7 +24,6 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "sparegs/output_file.h"
 
 #define EVEN_SIZE "pad=ceil(iw/2)*2:ceil(ih/2)*2"
 
@@ -140,12 +139,9 @@ static void free_film(video *film)
 video *video_open(const char *path, int width, int height, double fps)
 {
     int ends[2];
-    video *film = make_folder_of(path) ? calloc(1, sizeof *film) : NULL;
-    if (!film)
-        return NULL;
-    if (sgs_output_file_open(&film->file, path)) {
-        fail_library();
-        free_film(film);
+    video *film = calloc(1, sizeof *film);
+    if (!film || !open_output(path, &film->file)) {
+        free(film);
         return NULL;
     }
     film->temporary = temporary_path(film->file.target);

@@ -13,7 +13,6 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "sparegs/output_file.h"
 #include "sparegs/runtime.h"
 
 struct trace_file {
@@ -24,11 +23,8 @@ struct trace_file {
 
 trace_file *trace_open(const char *path)
 {
-    trace_file *trace = make_folder_of(path) ? calloc(1, sizeof *trace) : NULL;
-    if (!trace)
-        return NULL;
-    if (sgs_output_file_open(&trace->file, path)) {
-        fail_library();
+    trace_file *trace = calloc(1, sizeof *trace);
+    if (!trace || !open_output(path, &trace->file)) {
         free(trace);
         return NULL;
     }

@@ -9,15 +9,16 @@ set -u
 source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
 client=$SPAREGS_SOURCE/tests/cli/view_client.py
 small=("$room" --downscale 4 --quiet)
+port=0
 
 # start NAME ARGUMENT...: trains into $temporary/NAME in the background with a viewer; sets training and url.
 start() {
     local name=$1
     shift
-    last_command="sparegs train ${small[*]} -o $name --view 0 $*"
+    last_command="sparegs train ${small[*]} -o $name --view $port $*"
     : >"$temporary/stderr"
     : >"$temporary/$name.out"
-    "$program" train "${small[@]}" -o "$temporary/$name" --view 0 "$@" >"$temporary/$name.out" 2>"$temporary/stderr" &
+    "$program" train "${small[@]}" -o "$temporary/$name" --view "$port" "$@" >"$temporary/$name.out" 2>"$temporary/stderr" &
     training=$!
     for _ in $(seq 600); do
         grep -q http "$temporary/$name.out" "$temporary/stderr" || ! kill -0 "$training" 2>/dev/null && break
@@ -60,22 +61,21 @@ if is_long; then
     small+=(--quiet)
 fi
 
-# viewing_keeps_the_bits
-run 0 train "${small[@]}" -o "$temporary/alone" --iterations 150
-start viewed --iterations 150 --view-share 50
-page action pause leave # until both pages are connected
-python3 "$client" "$url" move >"$temporary/first" 2>&1 &
+# viewing_keeps_the_bits: the pages wait for the server, so that they see the whole training.
+run 0 train "${small[@]}" -o "$temporary/alone" --iterations 300
+port=$(python3 -c 'import socket; print(socket.create_server(("127.0.0.1", 0)).getsockname()[1])')
+python3 "$client" "http://127.0.0.1:$port/" move early >"$temporary/first" 2>&1 &
 first=$!
-python3 "$client" "$url" move >"$temporary/second" 2>&1 &
+python3 "$client" "http://127.0.0.1:$port/" move early >"$temporary/second" 2>&1 &
 second=$!
-sleep 2
-page action continue leave
+start viewed --iterations 300 --view-share 50
 ends 0
 wait "$first" "$second"
+port=0
 hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }
 check same_model_with_two_moving_pages test "$(hash_of alone)" = "$(hash_of viewed)"
 check pages_saw_pictures test "$(cat "$temporary/first")" -gt 0 -a "$(cat "$temporary/second")" -gt 0
-check same_files cmp "$temporary/alone/point_cloud/iteration_150/point_cloud.ply" "$temporary/viewed/point_cloud/iteration_150/point_cloud.ply"
+check same_files cmp "$temporary/alone/point_cloud/iteration_300/point_cloud.ply" "$temporary/viewed/point_cloud/iteration_300/point_cloud.ply"
 
 # pages_control_the_run: pause, checkpoint while paused, continue, tables, regions, stop.
 start controlled --iterations 100000

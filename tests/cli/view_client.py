@@ -456,11 +456,23 @@ def stalled(url, seconds):
     expect("nothing_follows_the_part", b'{"type":"history"' not in data, data.find(b'{"type":"history"'))
 
 
-def move(url):
-    """Moves until the connection ends; prints the number of pictures."""
+def when_served(url, seconds=120):
+    """The page of a server that may not have started."""
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            return Page(url)
+        except ConnectionRefusedError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.01)
+
+
+def move(url, early=""):
+    """Moves until the connection ends; prints the number of pictures. With `early`, waits for the server."""
     count = 0
     try:
-        page = Page(url)
+        page = when_served(url) if early else Page(url)
         matrix = list(page.wait("hello")["views"][0]["camera_to_world"])
         while True:
             page.serial += 1

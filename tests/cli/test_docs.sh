@@ -17,23 +17,21 @@ last_command="reading the documentation"
 
 readme_lines=200
 bin=$temporary/bin
-mkdir -p "$bin" "$temporary/help"
+mkdir -p "$bin"
 ln -s "$program" "$bin/sparegs"
 
-# help_of COMMAND: path of a file with the command's help; fails for an unknown command.
-help_of() {
-    [ -e "$temporary/help/$1" ] || "$program" help "$1" >"$temporary/help/$1" 2>/dev/null || {
-        rm -f "$temporary/help/$1"
-        return 1
-    }
-    echo "$temporary/help/$1"
-}
+# Texts of `sparegs help COMMAND`; the checks below read them without starting a process for each option.
+declare -A helps=()
+for command in $("$program" help | awk '/^Commands:/ { list = 1; next } list && NF == 0 { exit } list { print $1 }'); do
+    [ "$command" = help ] || helps[$command]=$("$program" help "$command")
+done
 
-# has_option HELP OPTION: the help file lists --name or -n.
+# has_option COMMAND OPTION: its help lists --name or -n.
 has_option() {
+    local line=$'(^|\n) +'
     case $2 in
-        --*) grep -qE -- "^ +(-[a-z], )?$2( |$)" "$1" ;;
-        *) grep -qE -- "^ +$2, " "$1" ;;
+        --*) [[ ${helps[$1]} =~ $line(-[a-z],\ )?"$2"([[:space:]]|$) ]] ;;
+        *) [[ ${helps[$1]} =~ $line"$2, " ]] ;;
     esac
 }
 
@@ -79,9 +77,9 @@ list_blocks() {
         END { if (inside) printf "%s: a code block has no end\n", name }' "$@"
 }
 
-# script_of BLOCK: the commands of a block. Those of a console block follow "$ ".
+# script_of BLOCK LANGUAGE: the commands of a block. Those of a console block follow "$ ".
 script_of() {
-    case $(head -n 1 "$1" | cut -f 3) in
+    case $2 in
         console) tail -n +2 "$1" | awk '/^\$ / || more { sub(/^\$ /, ""); print; more = /\\$/ }' ;;
         *) tail -n +2 "$1" ;;
     esac
@@ -101,7 +99,7 @@ simple_commands() {
 
 # check_command WORD...: prints what does not exist of a simple command.
 check_command() {
-    local help word
+    local word
     case $1 in
         tools/*) [ -x "$SPAREGS_SOURCE/$1" ] || echo "there is no script $1" ;;
         sparegs) ;;
@@ -111,14 +109,14 @@ check_command() {
     case ${2:-} in
         --version | --help | help) return 0 ;;
     esac
-    help=$(help_of "${2:-none}") || {
+    [ -n "${helps[${2:-none}]-}" ] || {
         echo "there is no command 'sparegs ${2:-}'"
         return 0
     }
     for word in "${@:3}"; do
         case $word in
             [0-9]\>* | \>*) break ;;
-            -[a-z]* | --[a-z]*) has_option "$help" "${word%%=*}" || echo "'sparegs $2' has no option ${word%%=*}" ;;
+            -[a-z]* | --[a-z]*) has_option "$2" "${word%%=*}" || echo "'sparegs $2' has no option ${word%%=*}" ;;
         esac
     done
 }
@@ -136,19 +134,17 @@ run_script() {
 
 # check_block BLOCK WORK: prints what is wrong with a block; runs it below WORK unless it is marked or WORK is empty.
 check_block() {
-    local block=$1 work=$2 name line marker words
-    name=$(head -n 1 "$block" | cut -f 1)
-    line=$(head -n 1 "$block" | cut -f 2)
-    marker=$(head -n 1 "$block" | cut -f 4)
+    local block=$1 work=$2 name line language marker missing words
+    IFS=$'\t' read -r name line language marker <"$block"
     if is_long && [ "$marker" = "<!-- slow example -->" ]; then marker=; fi
-    script_of "$block" >"$block.script"
+    script_of "$block" "$language" >"$block.script"
     [ -s "$block.script" ] || echo "$name:$line: the block has no command"
     bash -n "$block.script" 2>"$block.err" || echo "$name:$line: not a shell script: $(head -n 1 "$block.err")"
     while read -ra words; do
         check_command "${words[@]}"
     done < <(simple_commands <"$block.script") >"$block.missing"
-    sed "s|^|$name:$line: |" "$block.missing"
-    if grep -qE '\|\|' "$block.script"; then
+    while IFS= read -r missing; do echo "$name:$line: $missing"; done <"$block.missing"
+    if [[ $(<"$block.script") == *'||'* ]]; then
         echo "$name:$line: '||' hides a failure"
     fi
     if [ -z "$marker" ] && [ -n "$work" ] && [ ! -s "$block.missing" ]; then
@@ -177,7 +173,7 @@ check_text() {
         esac
         path=${target%%#*} anchor=
         case $target in *'#'*) anchor=${target#*#} ;; esac
-        path=${path:+$(dirname "$file")/$path}
+        path=${path:+${file%/*}/$path}
         path=${path:-$file}
         if [ ! -e "$path" ]; then
             echo "$name:$line: the link to $target leads to no file"
@@ -192,7 +188,7 @@ check_text() {
         }
     }')
     while IFS=: read -r line option; do
-        grep -qxF -- "$option" "$temporary/options" || echo "$name:$line: no command has the option $option"
+        [ -n "${known_options[$option]-}" ] || echo "$name:$line: no command has the option $option"
     done < <(prose "$file" | awk -F'`' '{
         number = $1; sub(/:.*/, "", number)
         for (i = 2; i <= NF; i += 2)
@@ -224,15 +220,10 @@ inspect() {
 }
 
 # All options of all commands, and those of other programs that the text names.
-{
-    echo --version
-    echo --static
-    printf '%s\n' --bind-to --cpu-bind --ntasks-per-node --exclusive --signal # of mpirun and Slurm
-    for command in $("$program" help | awk '/^Commands:/ { list = 1; next } list && NF == 0 { exit } list { print $1 }'); do
-        [ "$command" = help ] || cat "$(help_of "$command")"
-    done | sed -nE 's/^ +(-[a-z], )?(--[a-z-]+).*/\2/p'
-} | sort -u >"$temporary/options"
-check help_lists_options test "$(wc -l <"$temporary/options")" -gt 50
+declare -A known_options=([--version]=1 [--static]=1)
+for option in --bind-to --cpu-bind --ntasks-per-node --exclusive --signal; do known_options[$option]=1; done # mpirun, Slurm
+for option in $(printf '%s\n' "${helps[@]}" | sed -nE 's/^ +(-[a-z], )?(--[a-z-]+).*/\2/p'); do known_options[$option]=1; done
+check help_lists_options test "${#known_options[@]}" -gt 50
 
 # no_problems: holds PROBLEMS of inspect.
 no_problems() { [ ! -s "$1" ] || { cat "$1"; return 1; }; }

@@ -15,13 +15,10 @@ unmarked() {
     jq -r --arg root "$SPAREGS_SOURCE/" '.[] | (.file | ltrimstr($root)) + " " +
         ([(.command | split(" "))[] | select(startswith("-ffp-contract") or . == "-ffast-math" or . == "-Ofast")] | last // "none")' "$1" |
         sort -u >"$temporary/flags"
-    for file in src/*/*.c src/*/*.cpp bvh/*.c spare/*.c; do
-        # Compiled for the MPI libraries that are installed.
-        if [ "$file" = src/cluster/ranks_mpi.c ] && ! grep -q "^$file " "$temporary/flags"; then continue; fi
-        if ! grep -q "^$file " "$temporary/flags" || grep "^$file " "$temporary/flags" | grep -qv -- ' -ffp-contract=off$'; then
-            echo "$file"
-        fi
-    done
+    # src/cluster/ranks_mpi.c is compiled for the MPI libraries that are installed.
+    printf '%s\n' src/*/*.c src/*/*.cpp bvh/*.c spare/*.c | awk '
+        NR == FNR { compiled[$1] = 1; if ($2 != "-ffp-contract=off") wrong[$1] = 1; next }
+        $1 in wrong || !($1 in compiled) && $1 != "src/cluster/ranks_mpi.c"' "$temporary/flags" -
 }
 
 found=$(unmarked "$commands")

@@ -1,0 +1,344 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Views of a scene: names, paths and masks before the photographs are read; afterwards, which of
+// them are dropped.
+
+#include "scene/scene_loader.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/core.h"
+#include "image/mask.h"
+#include "scene/scene_split.h"
+#include "scene/transforms.h"
+
+enum { MAX_WARNINGS = 5 };
+
+void sgsi_view_free(sgs_view *view)
+{
+    sgsi_free(view->name);
+    sgsi_free(view->image_path);
+    sgsi_free(view->mask_path);
+    sgsi_photo_free(&view->image);
+}
+
+static int frame_order(const void *a, const void *b)
+{
+    const sgsi_frame *x = a, *y = b;
+    return strcmp(x->name, y->name);
+}
+
+// Uses the mask that the camera file names for a view.
+static sgs_status use_named_mask(const sgsi_scene_loader *l, size_t i)
+{
+    const char *folder = l->files.image_folder, *name = l->dataset.frames[i].mask;
+    char *path = sgsi_format("%s/%s", folder, name);
+    if (!path)
+        return sgsi_scene_no_memory(l->scene->path);
+    l->scene->views[i].mask_path = path;
+    if (sgsi_is_file(path))
+        return SGS_STATUS_OK;
+    return sgsi_fail(
+        SGS_STATUS_IO,
+        "%s: no such mask, named by %s for '%s'; use option masks_dir none to ignore masks", path,
+        l->files.model_path, l->scene->views[i].name);
+}
+
+// Length of the part of a name that is the image folder: names in transforms.json include it.
+static size_t image_folder_length(const sgsi_scene_loader *l, const char *name)
+{
+    return strncmp(name, "images/", 7) ? l->top_folder : 7;
+}
+
+// Finds the masks of all views. Mask folders are next to the image folder; option masks_dir
+// overrides masks named in camera files.
+static sgs_status find_masks(sgsi_scene_loader *l)
+{
+    const char *folder = l->options->masks_dir;
+    if ((folder && !strcmp(folder, "none")) || sgsi_loader_cameras_only(l))
+        return SGS_STATUS_OK;
+    const char *root = l->files.mask_root;
+    char *given = !folder            ? NULL
+                  : folder[0] == '/' ? sgsi_strdup(folder)
+                                     : sgsi_format("%s/%s", root, folder);
+    sgs_status status = !folder || given ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
+    if (given && !sgsi_is_folder(given))
+        status =
+            sgsi_fail(SGS_STATUS_IO,
+                      "%s: no such mask folder; use option masks_dir none to ignore masks", given);
+    static const char *const usual[] = {"masks", "mask"};
+    for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
+        char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
+        if (!place)
+            status = sgsi_scene_no_memory(l->scene->path);
+        sgsi_roots_add(&l->roots, place);
+        l->mask_folder = l->mask_folder || (place && sgsi_is_folder(place));
+        sgsi_free(place);
+    }
+    for (size_t i = 0; i < l->scene->view_count && !status; ++i) {
+        sgs_view *view = &l->scene->views[i];
+        status = !folder && l->dataset.frames[i].mask
+                     ? use_named_mask(l, i)
+                     : sgsi_mask_find(root, folder, view->image_path, view->name,
+                                      image_folder_length(l, view->name), &view->mask_path);
+    }
+    sgsi_free(given);
+    return status;
+}
+
+sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = l->dataset.frame_count;
+    qsort(l->dataset.frames, count, sizeof *l->dataset.frames, frame_order);
+    scene->views = sgsi_calloc(count, sizeof *scene->views);
+    l->slots = sgsi_calloc(count, sizeof *l->slots);
+    if (!scene->views || !l->slots)
+        return sgsi_scene_no_memory(scene->path);
+    scene->view_count = count;
+    char *chosen;
+    sgs_status status = sgsi_scene_choose_images(
+        &l->files, sgsi_loader_cameras_only(l) ? NULL : l->options->images_dir, &chosen);
+    if (status)
+        return status;
+    l->top_folder = l->files.colmap ? 0 : sgsi_dataset_top_folder(&l->dataset);
+    sgsi_roots_add(&l->roots, scene->path);
+    sgsi_roots_add(&l->roots, l->files.image_folder);
+    sgsi_roots_add(&l->roots, chosen);
+    if (!l->files.colmap)
+        status = sgsi_dataset_add_roots(&l->dataset, l->files.image_folder, &l->roots);
+    for (size_t i = 0; i < count && !status; ++i) {
+        sgsi_frame *frame = &l->dataset.frames[i];
+        sgs_view *view = &scene->views[i];
+        *view = (sgs_view){.name = frame->name, .pose = frame->pose, .split = frame->split};
+        frame->name = NULL;
+        const size_t skip = chosen ? image_folder_length(l, view->name) : 0;
+        view->image_path =
+            sgsi_scene_image_path(chosen ? chosen : l->files.image_folder, view->name + skip);
+        status = view->image_path ? SGS_STATUS_OK : sgsi_scene_no_memory(scene->path);
+    }
+    sgsi_free(chosen);
+    return status ? status : find_masks(l);
+}
+
+// Counts for the warnings about all views.
+typedef struct view_tally {
+    size_t masked_out, masked_files, broken, mismatched; // masked_files: of masked_out, by a file
+    const char *first_mismatched;                        // name
+    bool downscaled;
+} view_tally;
+
+// Errors that do not merely skip a view: out of memory, a bad mask, an unknown colorspace, cameras
+// without any size.
+static sgs_status check_fatal(const sgsi_scene_loader *l)
+{
+    size_t failed = 0;
+    for (size_t i = 0; i < l->scene->view_count; ++i) {
+        const sgsi_view_slot *s = &l->slots[i];
+        failed += s->status != SGS_STATUS_OK;
+        if (s->status == SGS_STATUS_OUT_OF_MEMORY || s->report.mask_failed ||
+            (s->status == SGS_STATUS_UNSUPPORTED && l->options->colorspace))
+            return sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
+    }
+    if (sgsi_loader_cameras_only(l) && failed == l->scene->view_count)
+        return sgsi_fail(SGS_STATUS_IO,
+                         "%s: no image size, and no photographs to take it from; add 'w' and 'h', "
+                         "or give it with option view_width",
+                         l->scene->model_path);
+    return SGS_STATUS_OK;
+}
+
+// True if the view has a photograph with valid pixels; warns otherwise.
+static bool is_usable(sgsi_scene_loader *l, size_t i, view_tally *tally)
+{
+    sgs_scene *scene = l->scene;
+    const sgsi_view_slot *s = &l->slots[i];
+    const sgs_view *view = &scene->views[i];
+    if (s->report.pixels_broken && tally->broken++ < MAX_WARNINGS)
+        sgsi_warn("%s: ignored %zu pixel(s) with infinite or NaN values", view->image_path,
+                  s->report.pixels_broken);
+    scene->pixels_broken += s->report.pixels_broken;
+    if (s->status) {
+        if (scene->images_missing++ < MAX_WARNINGS)
+            sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);
+        return false;
+    }
+    if (view->image.width && !view->image.kept) {
+        if (tally->masked_out++ < MAX_WARNINGS)
+            sgsi_warn("%s: mask excludes every pixel; the view is skipped",
+                      view->mask_path ? view->mask_path : view->image_path);
+        tally->masked_files += view->mask_path != NULL;
+        return false;
+    }
+    return true;
+}
+
+static bool has_camera_aspect(const sgsi_scene_loader *l, size_t i)
+{
+    const sgsi_view_slot *s = &l->slots[i];
+    const sgs_camera *camera = &l->dataset.frames[i].camera;
+    if (!camera->width)
+        return true;
+    const double stretch = (double)s->file_width * camera->height / s->file_height / camera->width;
+    return !(fabs(stretch - 1) > 0.02);
+}
+
+// Moves view i to index `to` and adds it to the totals of the scene.
+static void keep_view(sgsi_scene_loader *l, size_t i, size_t to, view_tally *tally)
+{
+    sgs_scene *scene = l->scene;
+    const sgsi_view_slot *s = &l->slots[i];
+    const sgs_view *view = &scene->views[i];
+    l->slots[to].dropped = s->dropped;
+    if (s->dropped) {
+        scene->views[to] = *view;
+        return;
+    }
+    if (!has_camera_aspect(l, i) && tally->mismatched++ == 0)
+        tally->first_mismatched = view->name;
+    tally->downscaled |= l->options->downscale == 0 && s->width != s->file_width;
+    scene->has_alpha |= s->channels == 4;
+    scene->masks += view->mask_path != NULL;
+    scene->photo_bytes += s->bytes;
+    scene->float_images += s->halves;
+    if (l->limited) {
+        l->sources[to] = sgsi_loader_source(l, i);
+        l->bytes[to] = s->bytes;
+    }
+    scene->views[to] = *view;
+}
+
+static sgs_status report_no_views(const sgsi_scene_loader *l, size_t count, const view_tally *tally)
+{
+    const sgs_scene *scene = l->scene;
+    if (tally->masked_out)
+        return sgsi_fail(
+            SGS_STATUS_INVALID_ARGUMENT,
+            "%s: masks exclude every pixel of every image; masks inverted? (option invert_masks)",
+            scene->path);
+    return sgsi_fail(
+        SGS_STATUS_IO, "%s: none of the %zu registered images can be read; first error: %s",
+        l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "unknown error");
+}
+
+static void warn_about_views(const sgsi_scene_loader *l, const view_tally *tally)
+{
+    sgs_scene *scene = l->scene;
+    const size_t used = scene->masks;
+    scene->masks += tally->masked_files;
+    if (!scene->masks && l->mask_folder)
+        sgsi_warn(
+            "%s: the mask folder contains no mask named after an image (STEM.png, NAME.png or "
+            "STEM_mask.png)",
+            scene->path);
+    if (scene->masks && used < scene->view_count)
+        sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels are used", scene->path,
+                  scene->view_count - used, scene->view_count);
+    if (tally->downscaled)
+        sgsi_warn(
+            "%s: images wider than %d px are reduced to %d px; use option downscale 1 to keep "
+            "their size",
+            scene->path, SGSI_AUTOMATIC_WIDTH, SGSI_AUTOMATIC_WIDTH);
+    if (tally->mismatched)
+        sgsi_warn("%s: aspect ratio of %zu image(s), first '%s', differs from their camera; were "
+                  "they rotated or cropped?",
+                  scene->path, tally->mismatched, tally->first_mismatched);
+    sgsi_scene_warn_centers(scene);
+}
+
+sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = scene->view_count;
+    view_tally tally = {0};
+    const sgs_status status = check_fatal(l);
+    if (status)
+        return status;
+    size_t kept = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (is_usable(l, i, &tally))
+            keep_view(l, i, kept++, &tally);
+        else
+            sgsi_view_free(&scene->views[i]);
+    }
+    scene->view_count = kept;
+    if (scene->images_missing > MAX_WARNINGS)
+        sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path,
+                  scene->images_missing, count);
+    if (!kept)
+        return report_no_views(l, count, &tally);
+    warn_about_views(l, &tally);
+    return SGS_STATUS_OK;
+}
+
+static int text_order(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *)a, *(const char *const *)b);
+}
+
+sgs_status sgsi_loader_mark_dropped(sgsi_scene_loader *l)
+{
+    const size_t count = l->options->kept_count;
+    if (!l->options->kept)
+        return SGS_STATUS_OK;
+    const char **names = sgsi_alloc(count ? count : 1, sizeof *names);
+    if (!names)
+        return sgsi_scene_no_memory(l->scene->path);
+    memcpy(names, l->options->kept, count * sizeof *names);
+    qsort(names, count, sizeof *names, text_order);
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        l->slots[i].dropped =
+            !bsearch(&l->scene->views[i].name, names, count, sizeof *names, text_order);
+    sgsi_free(names);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_loader_drop_marked(sgsi_scene_loader *l)
+{
+    sgs_scene *scene = l->scene;
+    const size_t count = scene->view_count;
+    size_t kept = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (l->slots[i].dropped) {
+            sgsi_view_free(&scene->views[i]);
+            continue;
+        }
+        if (l->limited) {
+            l->sources[kept] = l->sources[i];
+            l->bytes[kept] = l->bytes[i];
+        }
+        scene->views[kept++] = scene->views[i];
+    }
+    scene->view_count = kept;
+    if (kept)
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: none of the %zu views is in the block",
+                     scene->path, count);
+}
+
+sgs_status sgsi_loader_count_unposed(sgsi_scene_loader *l)
+{
+    sgs_scene *scene = l->scene;
+    if (!l->files.colmap || sgsi_loader_cameras_only(l))
+        return SGS_STATUS_OK; // without COLMAP, the folder also contains depth maps and other
+                              // splits
+    const char **known = sgsi_alloc(scene->view_count, sizeof *known);
+    if (!known)
+        return sgsi_scene_no_memory(scene->path);
+    const size_t prefix = strlen(l->files.image_folder) + 1;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        known[i] = scene->views[i].image_path + prefix;
+    qsort(known, scene->view_count, sizeof *known, text_order);
+    char examples[256];
+    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, &l->roots, known,
+                                                     scene->view_count, examples, sizeof examples);
+    sgsi_free(known);
+    if (scene->images_unposed)
+        sgsi_warn("%s: ignored %zu image(s) without a pose in the model: %s%s",
+                  l->files.image_folder, scene->images_unposed, examples,
+                  scene->images_unposed > 3 ? ", ..." : "");
+    return SGS_STATUS_OK;
+}

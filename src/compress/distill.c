@@ -55,16 +55,18 @@ static sgs_status render_teacher(distilling *d, const sgs_camera *camera, const 
     }
     if (!status)
         status = sgs_renderer_render(d->renderer, camera, pose, &d->job->render, &d->frame);
+    const bool is_hdr = d->job->options->scene->space == SGS_SPACE_LINEAR;
     for (size_t c = 0; c < 3 && !status; ++c)
         for (size_t i = 0; i < pixels; ++i)
             d->halves[c * pixels + i] = sgsi_half_from_float(fminf(
                 d->frame.color[c][i] + d->frame.transmittance[i] * d->job->options->background[c],
-                1));
+                is_hdr ? SGSI_HALF_MAX : 1.0f));
     *photo = (sgs_photo){.width = camera->width,
                          .height = camera->height,
                          .channels = 3,
                          .kept = pixels,
-                         .halves = d->halves};
+                         .halves = d->halves,
+                         .is_hdr = is_hdr};
     return status;
 }
 

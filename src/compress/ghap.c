@@ -17,6 +17,7 @@
 // Differences from the released code: the tree has fewer levels for models of less than 8192
 // primitives, so that a block has at least 8 (otherwise blocks would lose all of them).
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -169,6 +170,25 @@ static float point_costs(const ghap_block *block, const float at[DIMENSIONS])
     return least;
 }
 
+// The nearest component of a point whose costs exceed single precision.
+static size_t nearest_far(const ghap_block *block, const float at[DIMENSIONS])
+{
+    size_t nearest = 0;
+    double least = INFINITY;
+    for (size_t j = 0; j < block->m; ++j) {
+        double cost = 0;
+        for (int d = 0; d < DIMENSIONS; ++d) {
+            const double difference = (double)at[d] - block->centers[d][j];
+            cost += difference * difference;
+        }
+        if (cost < least) {
+            least = cost;
+            nearest = j;
+        }
+    }
+    return nearest;
+}
+
 // Assigns all points, accumulates the sums of the components; returns the objective.
 static double assign_points(const ghap_reduction *reduction, ghap_block *block)
 {
@@ -177,7 +197,11 @@ static double assign_points(const ghap_reduction *reduction, ghap_block *block)
     double objective = 0;
     for (size_t i = 0; i < block->n; ++i) {
         const ghap_point *point = &reduction->points[block->members[i]];
-        const float least = point_costs(block, point->at);
+        float least = point_costs(block, point->at);
+        if (!isfinite(least)) {
+            least = FLT_MAX;
+            block->costs[nearest_far(block, point->at)] = least;
+        }
         size_t ties = 0;
         for (size_t j = 0; j < block->m; ++j)
             ties += block->costs[j] == least;

@@ -319,7 +319,7 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status)
         status = sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, importance, job->count,
-                                  1 - job->options->keep, keep, &kept);
+                                  sgsi_pruned_share(job->options->keep), keep, &kept);
     if (!status && !kept)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "pruning removes all %zu primitives; keep a larger share", job->count);
@@ -358,6 +358,9 @@ static sgs_status encode(sgsi_compress_job *job)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status)
         status = sgsi_significance(job, importance);
+    if (!status && job->options->keep < 1 && !job->options->scene)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                           "option keep requires a scene, which gives the importance");
     if (!status && job->options->keep < 1)
         status = prune(job, importance);
     if (!status && job->options->distill)

@@ -158,7 +158,8 @@ static sgs_status check(meson_tuning *t)
         return status;
     t->best_error = error;
     memcpy(t->cells.best, t->cells.values, t->cells.count * sizeof(float));
-    memcpy(t->codes.best, t->codes.values, t->codes.count * sizeof(float));
+    if (t->codes.count) // none of models of SH degree 0
+        memcpy(t->codes.best, t->codes.values, t->codes.count * sizeof(float));
     memcpy(t->best_ranges, t->meson->ranges,
            t->meson->blocks * SGSI_MESON_CHANNELS * sizeof *t->best_ranges);
     return SGS_STATUS_OK;
@@ -185,7 +186,8 @@ static sgs_status tune(meson_tuning *t, int iterations)
     if (status)
         return status;
     memcpy(t->cells.values, t->cells.best, t->cells.count * sizeof(float));
-    memcpy(t->codes.values, t->codes.best, t->codes.count * sizeof(float));
+    if (t->codes.count)
+        memcpy(t->codes.values, t->codes.best, t->codes.count * sizeof(float));
     memcpy(t->meson->ranges, t->best_ranges,
            t->meson->blocks * SGSI_MESON_CHANNELS * sizeof *t->best_ranges);
     sgsi_meson_quantise(t->meson);

@@ -45,13 +45,16 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
     size_t kept = 0;
     sgs_status status =
         keep ? sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, importance, job->count,
-                                1 - job->options->keep, keep, &kept)
+                                sgsi_pruned_share(job->options->keep), keep, &kept)
              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status && kept) { // equal scores may remove all: keep all instead
         for (size_t i = 0, k = 0; i < job->count; ++i)
             if (keep[i])
                 importance[k++] = importance[i];
         sgsi_rows_keep(job, keep);
+    } else if (!status && job->options->scene && job->options->keep < 1) {
+        sgsi_warn("all %zu primitives have the same importance; option keep has no effect",
+                  job->count);
     }
     sgsi_free(keep);
     return status;

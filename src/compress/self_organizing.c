@@ -223,7 +223,10 @@ static void set_ranges(const sgsi_compress_job *job, const uint32_t *cells, sog_
     for (int a = 0; a < ATTRIBUTES; ++a) {
         sog_range *range = &header->ranges[a];
         *range = (sog_range){attributes[a].low, attributes[a].high, (uint32_t)bits[a]};
-        if (range->low != range->high)
+        // The published ranges are those of colours from 0 to 1. Linear light has highlights.
+        const bool bright =
+            (a == DC || a == REST) && o->colors.named && o->colors.space == SGS_SPACE_LINEAR;
+        if (range->low != range->high && !bright)
             continue;
         range->low = INFINITY;
         range->high = -INFINITY;

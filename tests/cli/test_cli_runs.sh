@@ -213,6 +213,7 @@ check it_is_there test -e "$out/previous/mine"
 
 # a_finished_run_without_a_checkpoint_is_not_started_again
 run 0 train "${data[@]}" -o "$temporary/unsaved" --iterations 3 --checkpoint-every 0
+check no_checkpoint_is_left test ! -e "$temporary/unsaved/checkpoint/state.bin"
 run 1 train "${data[@]}" -o "$temporary/unsaved" --iterations 3 --checkpoint-every 0 --resume
 one_line
 reports "no checkpoint to resume from: checkpoint/state.bin does not exist; start again with --overwrite"

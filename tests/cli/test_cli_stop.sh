@@ -56,18 +56,20 @@ finish_with 143
 check its_state_is_saved test -s "$out/checkpoint/state.bin"
 
 # a_run_that_is_stopped_while_it_is_evaluated_is_not_complete (resuming it evaluates the same model)
-rm -rf "$out"
-start "$room" --threads 1 --iterations 2 -o "$out"
-for _ in $(seq 1000); do
-    if [ -e "$out/checkpoint/state.bin" ]; then break; fi
-    sleep 0.02
+for every in 1000 0; do
+    rm -rf "$out"
+    start "$room" --threads 1 --iterations 2 -o "$out" --checkpoint-every $every
+    for _ in $(seq 1000); do
+        if [ -e "$out/checkpoint/state.bin" ]; then break; fi
+        sleep 0.02
+    done
+    kill -TERM "$process"
+    finish_with 143
+    json "$out/summary.json" '.stop_reason == "signal" and .stop_text == "stopped by a signal" and .iterations == 2 and .train.psnr == null'
+    hash=$(jq .model_hash "$out/summary.json")
+    run 0 train "$room" --threads 1 --iterations 2 -o "$out" --resume --checkpoint-every $every
+    json "$out/summary.json" ".stop_reason == \"schedule\" and .model_hash == $hash and .train.images == 35"
 done
-kill -TERM "$process"
-finish_with 143
-json "$out/summary.json" '.stop_reason == "signal" and .stop_text == "stopped by a signal" and .iterations == 2 and .train.psnr == null'
-hash=$(jq .model_hash "$out/summary.json")
-run 0 train "$room" --threads 1 --iterations 2 -o "$out" --resume
-json "$out/summary.json" ".stop_reason == \"schedule\" and .model_hash == $hash and .train.images == 35"
 
 # a_run_on_another_machine_is_noticed (its kernel has the lock of the folder, but file servers share those of files)
 exec 9>"$out/.lock"

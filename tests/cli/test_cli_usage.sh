@@ -70,7 +70,8 @@ reports "-x"
 
 # the_last_value_of_an_option_counts_with_a_warning
 run 2 render "$room" --view 0001 --view=0009 --spp 1 --spp 2 --quiet --quiet --spp none
-check one_warning test "$(grep -c 'is given more than once' "$temporary/stderr")" = 1
+check a_warning_per_repetition test "$(grep -c 'is given more than once' "$temporary/stderr")" = 3
+reports "warning: --spp is given more than once; '2' replaces the earlier value"
 reports "warning: --view is given more than once; '0009' replaces the earlier value"
 
 run 2 train "$room" -o "$temporary/out" --image-cache 4bananas

@@ -69,8 +69,12 @@ static void a_job_keeps_the_camera_before_it(void **state)
     receive(client, "{\"type\":\"crop\",\"crop\":{\"opacity\":0.5}}");
     assert_int_equal(client->jobs[4].request.serial, 2);
     assert_true(client->jobs[4].request.crop.opacity == 0.5);
+    // The page asks for the history again and again; one request waits.
     for (int k = 0; k < 2 * HUB_JOBS; ++k)
         receive(client, "{\"type\":\"history\"}");
+    assert_int_equal(client->job_count, 6);
+    for (int k = 0; k < 2 * HUB_JOBS; ++k)
+        receive(client, "{\"type\":\"ray\",\"x\":1,\"y\":2}");
     assert_int_equal(client->job_count, HUB_JOBS);
     view_hub_stop(&hub);
     view_hub_leave(client);

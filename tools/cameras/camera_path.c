@@ -66,11 +66,11 @@ static vec axis(const sgs_pose *pose, int row)
 }
 
 // Right and up of a view as the camera was held, by the Exif orientation of its photograph.
-static void held_axes(const sgs_view *view, vec *right, vec *up)
+static void held_axes(const sgs_pose *pose, int orientation, vec *right, vec *up)
 {
-    const vec zero = {{0, 0, 0}}, x = axis(&view->pose, 0), y = axis(&view->pose, 1);
+    const vec zero = {{0, 0, 0}}, x = axis(pose, 0), y = axis(pose, 1);
     const vec left = along(zero, x, -1), above = along(zero, y, -1);
-    switch (view->orientation) {
+    switch (orientation) {
     case 3:
     case 4: // 2, 4, 5 and 7 are mirrored
         *right = left;
@@ -154,29 +154,62 @@ static vec smallest_eigenvector(double m[3][3])
     return unit((vec){{v[0][smallest], v[1][smallest], v[2][smallest]}});
 }
 
-static vec find_up(const sgs_scene *scene)
+// Sums over the views for find_up.
+typedef struct held_sums {
+    double right[3][3]; // products of the right axes
+    vec up;
+    size_t count;
+} held_sums;
+
+static void add_held(held_sums *sums, const sgs_pose *pose, int orientation)
 {
-    const double share = 1 / (double)scene->view_count;
-    double m[3][3] = {{0}};
-    vec mean = {{0, 0, 0}};
-    for (size_t v = 0; v < scene->view_count; ++v) {
-        vec right, above;
-        held_axes(&scene->views[v], &right, &above);
-        mean = along(mean, above, share);
-        for (int i = 0; i < 3; ++i)
-            for (int j = 0; j < 3; ++j)
-                m[i][j] += share * right.x[i] * right.x[j];
-    }
+    vec right, up;
+    held_axes(pose, orientation, &right, &up);
+    sums->up = along(sums->up, up, 1);
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j)
-            m[i][j] -= UP_WEIGHT * mean.x[i] * mean.x[j];
+            sums->right[i][j] += right.x[i] * right.x[j];
+    ++sums->count;
+}
+
+// COLMAP's up, -y, without views.
+static vec find_up(const held_sums *sums)
+{
+    if (!sums->count)
+        return (vec){{0, -1, 0}};
+    const double share = 1 / (double)sums->count;
+    const vec mean = along((vec){{0, 0, 0}}, sums->up, share);
+    double m[3][3];
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            m[i][j] = share * sums->right[i][j] - UP_WEIGHT * mean.x[i] * mean.x[j];
     const vec up = smallest_eigenvector(m);
     return dot(up, mean) < 0 ? along((vec){{0, 0, 0}}, up, -1) : up;
 }
 
+static held_sums sum_held(const sgs_scene *scene)
+{
+    held_sums sums = {0};
+    for (size_t v = 0; v < scene->view_count; ++v)
+        add_held(&sums, &scene->views[v].pose, scene->views[v].orientation);
+    return sums;
+}
+
+void camera_path_up(const sgs_scene *scene, const camera_list *list, double up[3])
+{
+    held_sums sums = {0};
+    if (scene)
+        sums = sum_held(scene);
+    for (size_t i = 0; !scene && i < list->count; ++i)
+        add_held(&sums, &list->cameras[i].pose, 0);
+    const vec found = find_up(&sums);
+    memcpy(up, found.x, sizeof found.x);
+}
+
 static view_group group_views(const sgs_scene *scene)
 {
-    view_group group = {.up = find_up(scene)};
+    const held_sums sums = sum_held(scene);
+    view_group group = {.up = find_up(&sums)};
     double m[3][3] = {{0}};
     vec b = {{0, 0, 0}};
     const double share = 1 / (double)scene->view_count;
@@ -380,7 +413,7 @@ bool camera_path_spiral(const sgs_scene *scene, const path_options *options, cam
     const sgs_view *base = middle_view(scene, &group);
     const vec hub = center(&base->pose), forward = axis(&base->pose, 2);
     vec right, up;
-    held_axes(base, &right, &up);
+    held_axes(&base->pose, base->orientation, &right, &up);
     const double ahead = group.converge ? dot(along(group.target, hub, -1), forward) : 0;
     const double distance = ahead > 0 ? ahead : 4 * group.spread + 1e-6;
     const double radius = fmin(0.5 * group.spread, SPIRAL_WIDTH * distance);

@@ -22,3 +22,8 @@ bool camera_path_orbit(const sgs_scene *scene, const path_options *options, came
 // Two turns of a spiral around the central view. Its width is half the spread of the views, at most
 // 0.15 of the distance of the subject, which it looks at; names spiral_00000, ... .
 bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list);
+
+// Unit up direction of a capture: the one most perpendicular to the horizontal axes of the images,
+// which are turned by their Exif orientation. Of the scene if it is not NULL, else of the list,
+// whose images count as upright; -y without views.
+void camera_path_up(const sgs_scene *scene, const camera_list *list, double up[3]);

@@ -532,8 +532,7 @@ static int parse_option(command_line *line, int argc, char **argv, int *at)
         value = argv[++*at];
     }
     const uint64_t bit = UINT64_C(1) << (row - group->options);
-    const bool is_list = row->kind == OPTION_TEXT || row->kind == OPTION_SET; // or seems to be one
-    if (group->given & bit && is_list)
+    if (group->given & bit && row->kind != OPTION_FLAG)
         print_warning("--%s is given more than once; '%s' replaces the earlier value", row->name,
                       value);
     group->given |= bit;

@@ -16,6 +16,8 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
+#include "run/exposure_file.h"
+#include "run/run_record.h"
 #include "sparegs/compress.h"
 #include "sparegs/model_file.h"
 
@@ -344,6 +346,10 @@ static int check_values(const command_line *line, const compress_values *values)
         return fail_usage("--finetune: fine-tuning requires a scene; add the operand SCENE");
     if (!has_scene && values->distill)
         return fail_usage("--distill: the distillation requires a scene; add the operand SCENE");
+    if (!has_scene && values->keep > 0 && values->keep < 1 &&
+        (values->method == SGS_COMPRESS_LIGHTGAUSSIAN || values->method == SGS_COMPRESS_MESONGS))
+        return fail_usage("--keep: the importance of primitives requires a scene; add the operand "
+                          "SCENE");
     if (values->finetune > 0 && !fine_tunes(values))
         return refuse_idle(line, "finetune", "on lightgaussian without --keep below 1");
     return has_scene ? -1
@@ -401,8 +407,12 @@ static int run_compress(const command_call *call, const compress_values *values,
         scene = scene_open(call->line.operands[1], data, loads_photos(values));
         if (!scene)
             return EXIT_FAILED;
-        if (fine_tunes(values))
+        if (located->run)
+            run_record_check_scene(located->run, scene);
+        if (fine_tunes(values)) {
             scene_warn_idle(scene, data, &call->line);
+            exposure_warn_finetune(located->ply_path, located->config);
+        }
     }
     drawing_resolve(drawing, &call->line, located->config, data, scene);
     const bool read = model_read_filled(located, drawing, &model);

@@ -542,9 +542,14 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     options.importance = importance;
     options.progress = model_show_encoding;
     model_warn_unmarked(path, plan->format, &options);
+    const bool has_cameras =
+        scene && (plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML);
+    sgs_model_camera *cameras = has_cameras ? make_cameras(plan, scene) : NULL;
+    if (has_cameras && !cameras) {
+        fail_run("%s: no memory for %zu cameras", path, scene->view_count);
+        return false;
+    }
     progress_work_start();
-    const bool has_cameras = plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML;
-    sgs_model_camera *cameras = scene && has_cameras ? make_cameras(plan, scene) : NULL;
     options.cameras = cameras;
     options.camera_count = cameras ? scene->view_count : 0;
     const sgs_status status = sgs_model_write(path, model, &options, written);
@@ -593,7 +598,8 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     sgs_model_written written = {0};
     if (!model_open(line->operands[0], &options, &opened))
         return EXIT_FAILED;
-    bool done = model_scene_resolve(data, line, &opened.located) < 0;
+    const int usage = model_scene_resolve(data, line, &opened.located);
+    bool done = usage < 0;
     if (done && line->operand_count == 3) {
         scene = scene_open(line->operands[2], data, false);
         done = scene != NULL;
@@ -620,6 +626,8 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     free(importance);
     sgs_scene_destroy(scene);
     opened_model_free(&opened);
+    if (usage >= 0)
+        return usage;
     return interrupt_signal() && !done ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
 }
 

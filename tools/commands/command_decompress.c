@@ -30,6 +30,7 @@ static const option decompress_options[] = {
      .letter = 'o',
      .kind = OPTION_TEXT,
      .offset = offsetof(decompress_values, output),
+     .path = PATH_OUTPUT,
      .argument = "OUT.ply",
      .shown = "required",
      .help = "file to write, in the format of its name"},

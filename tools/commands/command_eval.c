@@ -379,16 +379,11 @@ int command_eval(int argc, char **argv)
             if (located.run)
                 run_record_check_scene(located.run, scene);
             drawing_resolve(&drawing, &call.line, located.config, &data, scene);
-            char *path = format_text("%s/exposure.json", located.run ? located.run : "");
-            bool damaged = false;
-            json_t *exposures = json_is_true(config_option(located.config, "exposure"))
-                                    ? exposure_read(path, &damaged)
-                                    : NULL;
-            if (!damaged)
+            json_t *exposures;
+            if (exposure_of_run(located.run, located.config, &exposures))
                 status = evaluate_model(&call.line, &located, exposures, lpips, scene, &drawing,
                                         &values, call.common.json);
             json_decref(exposures);
-            free(path);
         }
     }
     sgs_scene_destroy(scene);

@@ -119,9 +119,11 @@ static bool plan_agrees(const experiment_run *run)
 {
     char *path = settings_path(run);
     json_t *old = load_json(path, 0, NULL);
-    if (json_is_object(json_object_get(old, "options")))
+    if (json_is_object(json_object_get(old, "options"))) {
         json_object_set_new(old, "options",
                             experiment_plan_options(json_object_get(old, "options")));
+        experiment_run_drop_idle(run, json_object_get(old, "options"));
+    }
     const bool agrees = !old || same_members(run, old, run->settings);
     json_decref(old);
     free(path);
@@ -223,15 +225,6 @@ static int run_training(const experiment_run *run)
 
 // ---- Steps after the training ----
 
-// The value of --name of a run, or NULL.
-static const char *argument_of(const experiment_run *run, const char *name)
-{
-    for (int k = 4; k + 1 < run->argument_count; ++k)
-        if (!strcmp(run->arguments[k], name))
-            return run->arguments[k + 1];
-    return NULL;
-}
-
 // `summary` must outlive the result.
 static post_run post_run_of(const experiment_run *run, const json_t *summary)
 {
@@ -239,9 +232,9 @@ static post_run post_run_of(const experiment_run *run, const json_t *summary)
     return (post_run){.folder = run->folder,
                       .scene_path = run->arguments[1],
                       .model_hash = hash ? hash : "",
-                      .threads = argument_of(run, "--threads"),
-                      .isa = argument_of(run, "--isa"),
-                      .lpips = argument_of(run, "--lpips")};
+                      .threads = experiment_run_argument(run, "threads"),
+                      .isa = experiment_run_argument(run, "isa"),
+                      .lpips = experiment_run_argument(run, "lpips")};
 }
 
 // The recorded results of a completed run.

@@ -17,6 +17,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "run/exposure_file.h"
 #include "run/finetune.h"
 #include "run/run_record.h"
 #include "sparegs/prune.h"
@@ -261,7 +262,7 @@ static bool cameras_of_scene(pruning *p)
 
 static bool cameras_of_run(pruning *p)
 {
-    char *path = format_text("%s/cameras.json", p->model_name);
+    char *path = format_text("%s/cameras.json", p->located.run ? p->located.run : p->model_name);
     camera_list list = {0};
     bool added = file_exists(path);
     if (!added)
@@ -538,10 +539,8 @@ static bool open_scene(pruning *p, const scene_values *data)
             scene_warn_idle(p->scene, data, p->line);
     }
     drawing_resolve(&p->drawing, p->line, p->located.config, data, p->scene);
-    if (p->values->finetune && json_is_true(config_option(p->located.config, "exposure")))
-        print_warning("%s: trained with --exposure; --finetune compares with the photographs "
-                      "without exposure compensation",
-                      p->model_name);
+    if (p->values->finetune)
+        exposure_warn_finetune(p->located.ply_path, p->located.config);
     warn_idle_options(p);
     return true;
 }

@@ -21,6 +21,7 @@
 #include "cli/reported_files.h"
 #include "report/report_tables.h"
 #include "run/evaluate.h"
+#include "run/exposure_file.h"
 #include "run/region_file.h"
 
 extern const char report_page[]; // report_page.html, embedded by report_page.cmake
@@ -267,14 +268,17 @@ static json_t *draw_picture(const char *folder, const char *path, const json_t *
         evaluator evaluation = {0};
         view_score score;
         view_images images = {0};
+        json_t *exposures = NULL;
         const sgs_view *view = scene ? &scene->views[0] : NULL;
         for (size_t v = 0; scene && v < scene->view_count && view->split != SGS_SPLIT_TEST; ++v)
             view = scene->views[v].split == SGS_SPLIT_TEST ? &scene->views[v] : view;
         if (scene)
             drawing_resolve(&drawing, &nothing, located.config, &data, scene);
-        if (view && model_read(&located, &drawing, &model) &&
-            evaluator_open(&evaluation, model, scene, &drawing) &&
-            evaluate_view(&evaluation, view, &score, &images)) {
+        const bool ready = view && model_read(&located, &drawing, &model) &&
+                           exposure_of_run(located.run, located.config, &exposures) &&
+                           evaluator_open(&evaluation, model, scene, &drawing);
+        evaluation.exposures = exposures;
+        if (ready && evaluate_view(&evaluation, view, &score, &images)) {
             json_t *left = picture_uri(folder, &images.drawn),
                    *right = picture_uri(folder, &images.photo);
             char *label =
@@ -290,6 +294,7 @@ static json_t *draw_picture(const char *folder, const char *path, const json_t *
             json_decref(right);
             free(label);
         }
+        json_decref(exposures);
         view_images_free(&images);
         evaluator_close(&evaluation);
         sgs_gaussians_destroy(model);

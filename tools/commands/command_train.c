@@ -540,6 +540,8 @@ static int train(training *run)
         return interrupt_status();
     if (!training_report(run) || run->checkpoint_lost)
         return EXIT_FAILED;
+    if (run->checkpoint_is_temporary && run->stop != SGS_STOP_SIGNAL)
+        run_folder_remove_checkpoint(&run->folder);
     if (run->stop == SGS_STOP_MEMORY_LIMIT)
         return fail_run("%s: the next iterations of %zu primitives may exceed --max-memory; "
                         "saved a checkpoint at iteration %d: rerun with --resume and a larger "

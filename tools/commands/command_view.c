@@ -210,7 +210,8 @@ int command_view(int argc, char **argv)
     if (status < 0)
         status = check_values(&values);
     if (status < 0 && values.export)
-        status = refuse_idle(&call.line, "port|address|token", "with --export");
+        status = refuse_idle(&call.line, "port|address|token|background|near|compact-box",
+                             "with --export");
     if (status < 0)
         status = common_apply(&call.common, &call.line);
     if (status >= 0)

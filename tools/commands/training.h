@@ -53,6 +53,7 @@ typedef struct training {
     json_t *per_rank;     // on rank 0, or NULL
     double wall_seconds;  // of this command
     bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
+    bool checkpoint_is_temporary; // without --checkpoint-every: for a stop during the evaluation
     split_score test, train;
 } training;
 
@@ -61,8 +62,8 @@ bool training_stopped_early(const training *run);
 // Why training stopped, for people; "" after all iterations.
 const char *training_stop_text(const training *run);
 
-// Saves the last model, and a checkpoint of an early stop, and keeps what the results need of the
-// trainer.
+// Saves the last model and a checkpoint, and keeps what the results need of the trainer. Without
+// --checkpoint-every the checkpoint of a run that did not stop early is temporary.
 bool training_save(training *run);
 
 // How the model is rendered.

@@ -54,8 +54,10 @@ bool training_save(training *run)
     bool saved = run_folder_share_trained(&run->folder, run->scene, run->trainer, run->iterations);
     if (run->values.region)
         run->region_count = sgs_trainer_trained(run->trainer);
-    if (training_stopped_early(run) || run->values.checkpoint_every)
-        run->checkpoint_lost = !run_folder_share_checkpoint(&run->folder, run->trainer);
+    run->checkpoint_is_temporary = group_leads() && !training_stopped_early(run) &&
+                                   !run->values.checkpoint_every &&
+                                   !run_folder_has_checkpoint(&run->folder);
+    run->checkpoint_lost = !run_folder_share_checkpoint(&run->folder, run->trainer);
     return saved;
 }
 

@@ -329,21 +329,22 @@ static json_t *seconds_table(const json_t *plan, const json_t *runs)
                   "structural updates (density, SPARE-GS and BVH build).",
                   columns);
     const json_t *pipelines = json_object_get(plan, "pipelines");
-    static const char *const variants[] = {"off", "on"};
+    const json_t *variants = json_object_get(plan, "variants");
     for (size_t p = 0; p < json_array_size(pipelines); ++p)
-        for (int v = 0; v < 2; ++v) {
-            const char *pipeline = json_string_value(json_array_get(pipelines, p));
-            const double total = mean(runs, NULL, pipeline, variants[v], "train_seconds");
+        for (size_t v = 0; v < json_array_size(variants); ++v) {
+            const char *pipeline = json_string_value(json_array_get(pipelines, p)),
+                       *variant = json_member_text(json_array_get(variants, v), "name");
+            const double total = mean(runs, NULL, pipeline, variant, "train_seconds");
             if (isnan(total))
                 continue;
             json_t *row = json_array();
             table_put_text(row, pipeline);
-            table_put_text(row, variants[v]);
+            table_put_text(row, variant);
             double spare = 0, updates = 0;
             for (size_t k = 0; k < sizeof phases / sizeof *phases; ++k) {
                 char metric[64];
                 snprintf(metric, sizeof metric, "seconds.%s", phases[k]);
-                spare = mean(runs, NULL, pipeline, variants[v], metric);
+                spare = mean(runs, NULL, pipeline, variant, metric);
                 table_put_number(row, "%.2f", spare);
                 updates += k >= UPDATE_PHASES ? spare : 0.0;
             }
@@ -376,15 +377,38 @@ static json_t *stops_table(const json_t *runs)
     return table;
 }
 
+static bool has_variant(const json_t *plan, const char *name)
+{
+    const json_t *variants = json_object_get(plan, "variants");
+    for (size_t v = 0; v < json_array_size(variants); ++v)
+        if (!strcmp(json_member_text(json_array_get(variants, v), "name"), name))
+            return true;
+    return false;
+}
+
+// True if a table of variants has a row that is not in the table of pipelines.
+static bool has_other_rows(const json_t *table, bool has_pairs)
+{
+    const json_t *rows = json_object_get(table, "rows");
+    for (size_t r = 0; r < json_array_size(rows); ++r) {
+        const char *name = json_string_value(json_array_get(json_array_get(rows, r), 0));
+        if (!has_pairs || (strcmp(name, "off") && strcmp(name, "on")))
+            return true;
+    }
+    return false;
+}
+
 json_t *report_tables(const json_t *results)
 {
     const json_t *plan = json_object_get(results, "plan"), *runs = json_object_get(results, "runs");
     const json_t *pipelines = json_object_get(plan, "pipelines");
     json_t *tables = json_array();
-    json_array_append_new(tables, pipelines_table(results));
+    const bool has_pairs = has_variant(plan, "off") && has_variant(plan, "on");
+    if (has_pairs)
+        json_array_append_new(tables, pipelines_table(results));
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
         json_t *table = variants_table(plan, runs, json_string_value(json_array_get(pipelines, p)));
-        if (json_array_size(json_object_get(table, "rows")) > 2) // more than off and on
+        if (has_other_rows(table, has_pairs))
             json_array_append(tables, table);
         json_decref(table);
     }

@@ -209,16 +209,37 @@ static bool has_option(const json_t *options, const char *name)
     return false;
 }
 
+void experiment_run_drop_idle(const experiment_run *run, json_t *options)
+{
+    const char *key;
+    json_t *value;
+    void *next;
+    json_object_foreach_safe(options, next, key, value)
+    {
+        char *flag = format_text("%s", key);
+        key_to_name(flag);
+        bool idle = false;
+        for (size_t k = 0; k < json_array_size(run->idle) && !idle; ++k)
+            idle = !strcmp(flag, json_string_value(json_array_get(run->idle, k)));
+        free(flag);
+        if (idle)
+            json_object_del(options, key);
+    }
+}
+
 // Checks the command line of a run. An option of the plan or of a scene belongs to those of its
 // runs that it has an effect on; one of the variant must have an effect.
 static bool check_run(experiment_run *run, const json_t *variant)
 {
     const char *idle = NULL;
     while (command_train_check(run->argument_count, run->arguments, &idle) < 0) {
-        if (!idle)
+        if (!idle) {
+            experiment_run_drop_idle(run, json_object_get(run->settings, "options"));
             return true;
+        }
         if (has_option(json_object_get(variant, "options"), idle))
             return command_train_check(run->argument_count, run->arguments, NULL) < 0;
+        json_array_append_new(run->idle, json_string(idle));
         remove_argument(run, idle);
     }
     return false;
@@ -231,7 +252,7 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     if (!plan->runs)
         exit(fail_run("out of memory"));
     experiment_run *run = &plan->runs[plan->count++];
-    *run = (experiment_run){.seed = seed};
+    *run = (experiment_run){.seed = seed, .idle = json_array()};
     run->scene = format_text("%s", json_string_value(json_object_get(scene, "name")));
     run->pipeline = format_text("%s", pipeline);
     run->variant = format_text("%s", json_string_value(json_object_get(variant, "name")));
@@ -264,43 +285,83 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     return good;
 }
 
-// Every option of the plan has an effect on some run.
-static bool check_effects(const experiment_plan *plan)
+const char *experiment_run_argument(const experiment_run *run, const char *name)
+{
+    for (int k = 0; k + 1 < run->argument_count; ++k)
+        if (!strncmp(run->arguments[k], "--", 2) && !strcmp(run->arguments[k] + 2, name))
+            return run->arguments[k + 1];
+    return NULL;
+}
+
+static bool has_argument(const experiment_run *run, const char *flag)
+{
+    for (int k = 0; k < run->argument_count; ++k)
+        if (!strcmp(run->arguments[k], flag))
+            return true;
+    return false;
+}
+
+// Every option of the plan, or of a scene, has an effect on some of its runs.
+static bool check_effects(const experiment_plan *plan, const json_t *owner, const char *scene)
 {
     const char *key;
     json_t *value;
-    json_object_foreach(json_object_get(plan->root, "options"), key, value)
+    json_object_foreach(json_object_get(owner, "options"), key, value)
     {
         char *flag = format_text("--%s", key);
         key_to_name(flag);
         bool found = json_is_false(value) || json_is_null(value);
         for (size_t i = 0; i < plan->count && !found; ++i)
-            for (int k = 0; k < plan->runs[i].argument_count && !found; ++k)
-                found = !strcmp(plan->runs[i].arguments[k], flag);
+            found = (!scene || !strcmp(plan->runs[i].scene, scene)) &&
+                    has_argument(&plan->runs[i], flag);
         free(flag);
         if (!found)
-            return refuse("an option has no effect on any run of the plan; remove", key);
+            return refuse(scene ? "an option of a scene has no effect on any of its runs; remove"
+                                : "an option has no effect on any run of the plan; remove",
+                          key);
     }
     return true;
 }
 
-static bool check_scene(const json_t *scene)
+// Warns of traces that replace each other.
+static void warn_about_traces(const experiment_plan *plan)
 {
-    char *path = scene_path(scene);
-    sgs_scene_options options = sgs_scene_options_default();
-    options.load_images = false;
-    const char *images =
-        json_string_value(json_object_get(json_object_get(scene, "options"), "images"));
-    options.images_dir = images;
-    sgs_scene *loaded = NULL;
-    const bool found = *path && !sgs_scene_load(path, &options, &loaded);
-    if (!*path)
-        refuse("missing \"path\" of scene", json_string_value(json_object_get(scene, "name")));
-    else if (!found)
-        fail_library();
-    sgs_scene_destroy(loaded);
-    free(path);
-    return found;
+    json_t *seen = json_object();
+    for (size_t i = 0; i < plan->count; ++i) {
+        const char *trace = experiment_run_argument(&plan->runs[i], "trace");
+        if (trace && json_object_get(seen, trace)) {
+            print_warning("%s: several runs write the trace '%s'; the last one remains", plan_path,
+                          trace);
+            break;
+        }
+        if (trace)
+            json_object_set_new(seen, trace, json_true());
+    }
+    json_decref(seen);
+}
+
+// Each scene can be read, from each folder of photos that its runs use.
+static bool check_scene_files(const experiment_plan *plan)
+{
+    json_t *seen = json_object();
+    bool good = true;
+    for (size_t i = 0; i < plan->count && good; ++i) {
+        const char *path = plan->runs[i].arguments[1];
+        sgs_scene_options options = sgs_scene_options_default();
+        options.load_images = false;
+        options.images_dir = experiment_run_argument(&plan->runs[i], "images");
+        char *key = format_text("%s\n%s", path, options.images_dir ? options.images_dir : "");
+        sgs_scene *loaded = NULL;
+        if (!json_object_get(seen, key) && sgs_scene_load(path, &options, &loaded)) {
+            fail_library();
+            good = false;
+        }
+        json_object_set_new(seen, key, json_true());
+        sgs_scene_destroy(loaded);
+        free(key);
+    }
+    json_decref(seen);
+    return good;
 }
 
 static bool check_keys(const json_t *object, const char *const known[], size_t count)
@@ -481,9 +542,13 @@ static bool unroll(experiment_plan *plan, const char *folder)
     const json_t *variants = json_object_get(plan->root, "variants"),
                  *seeds = json_object_get(plan->root, "seeds");
     const size_t seed_count = seeds ? json_array_size(seeds) : 1;
-    for (size_t s = 0; s < json_array_size(scenes); ++s)
-        if (!check_scene(json_array_get(scenes, s)))
-            return false;
+    for (size_t s = 0; s < json_array_size(scenes); ++s) {
+        const json_t *scene = json_array_get(scenes, s);
+        const char *path = json_string_value(json_object_get(scene, "path"));
+        if (!path || !*path)
+            return refuse("missing \"path\" of scene",
+                          json_string_value(json_object_get(scene, "name")));
+    }
     // Seeds are the outer loop: an interrupted experiment completes one seed before the next.
     for (size_t k = 0; k < seed_count; ++k)
         for (size_t s = 0; s < json_array_size(scenes); ++s)
@@ -499,7 +564,14 @@ static bool unroll(experiment_plan *plan, const char *folder)
                 }
     if (!plan->count)
         fail_run("%s: the plan contains no runs; no variant has a pipeline of the plan", plan_path);
-    return plan->count > 0 && check_effects(plan);
+    bool good = plan->count > 0 && check_effects(plan, plan->root, NULL);
+    for (size_t s = 0; s < json_array_size(scenes) && good; ++s)
+        good = check_effects(plan, json_array_get(scenes, s),
+                             json_string_value(json_object_get(json_array_get(scenes, s), "name")));
+    good = good && check_scene_files(plan);
+    if (good)
+        warn_about_traces(plan);
+    return good;
 }
 
 bool experiment_plan_read(const char *path, const char *folder, experiment_plan *plan)
@@ -537,6 +609,7 @@ void experiment_plan_free(experiment_plan *plan)
         free(run->variant);
         free(run->folder);
         json_decref(run->settings);
+        json_decref(run->idle);
     }
     free(plan->runs);
     post_plan_free(&plan->post);

@@ -19,6 +19,7 @@ typedef struct experiment_run {
     char **arguments; // of `sparegs train`, NULL-terminated; the folder is arguments[3]
     int argument_count;
     json_t *settings; // scene, pipeline, seed and merged options, as experiment.json stores them
+    json_t *idle;     // names of options of the plan or scene that have no effect on this run
 } experiment_run;
 
 typedef struct experiment_plan {
@@ -30,6 +31,11 @@ typedef struct experiment_plan {
 
 // A copy of options with '_' in their names, which the plan may spell with '-'.
 json_t *experiment_plan_options(const json_t *options);
+
+// The value of option --name of a run, or NULL.
+const char *experiment_run_argument(const experiment_run *run, const char *name);
+// Removes the options without effect on the run from `options`, which is changed.
+void experiment_run_drop_idle(const experiment_run *run, json_t *options);
 
 // `folder` is the output folder of the experiment.
 bool experiment_plan_read(const char *path, const char *folder, experiment_plan *plan);

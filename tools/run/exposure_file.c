@@ -12,6 +12,7 @@
 
 #include "cli/json_file.h"
 #include "cli/json_output.h"
+#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -64,6 +65,26 @@ json_t *exposure_read(const char *path, bool *failed)
     json_decref(root);
     *failed = true;
     return NULL;
+}
+
+bool exposure_of_run(const char *run, const json_t *config, json_t **exposures)
+{
+    bool damaged = false;
+    *exposures = NULL;
+    if (!json_is_true(config_option(config, "exposure")))
+        return true;
+    char *path = format_text("%s/exposure.json", run ? run : "");
+    *exposures = exposure_read(path, &damaged);
+    free(path);
+    return !damaged;
+}
+
+void exposure_warn_finetune(const char *path, const json_t *config)
+{
+    if (json_is_true(config_option(config, "exposure")))
+        print_warning("%s: trained with --exposure; fine-tuning compares with the photographs "
+                      "without exposure compensation",
+                      path);
 }
 
 bool exposure_find(const json_t *exposures, const char *name, double map[12])

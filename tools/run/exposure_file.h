@@ -18,6 +18,13 @@ bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer 
 // NULL with a warning if the file does not exist, or with *failed set after printing the error.
 json_t *exposure_read(const char *path, bool *failed);
 
+// Those of the run in folder `run`, or NULL if it was trained without --exposure or `config` is
+// NULL; to be released. False after printing the error.
+bool exposure_of_run(const char *run, const json_t *config, json_t **exposures);
+
+// Warns that fine-tuning a model of a run with --exposure does not compensate exposure.
+void exposure_warn_finetune(const char *path, const json_t *config);
+
 // The map of an image. False if there is none.
 bool exposure_find(const json_t *exposures, const char *name, double map[12]);
 

@@ -449,6 +449,16 @@ bool run_folder_has_checkpoint(const run_folder *folder)
     return exists;
 }
 
+void run_folder_remove_checkpoint(const run_folder *folder)
+{
+    static const char *const kinds[] = {"", ".previous", ".next"};
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
+        char *path = checkpoint_path(folder, kinds[k]);
+        unlink(path);
+        free(path);
+    }
+}
+
 size_t run_folder_checkpoint_gaussians(const run_folder *folder)
 {
     char *path = checkpoint_path(folder, "");

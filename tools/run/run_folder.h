@@ -67,6 +67,8 @@ bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
                               sgs_trainer *trainer, int iteration);
 bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer);
 bool run_folder_has_checkpoint(const run_folder *folder);
+// Removes the files of run_folder_share_checkpoint. Cannot fail: what cannot be removed stays.
+void run_folder_remove_checkpoint(const run_folder *folder);
 // Primitives in the newest checkpoint; 0 when there is none or it cannot be read.
 size_t run_folder_checkpoint_gaussians(const run_folder *folder);
 // Loads the latest readable checkpoint; with several ranks it only checks it. Returns 1 if loaded,

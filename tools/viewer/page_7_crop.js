@@ -113,7 +113,7 @@ async function copyCommand() {
 byId('cropCopy').onclick = copyCommand;
 onMessage('crop', (message) => {
   viewer.saved = {kind: 'crop', ...message};
-  byId('cropText').textContent = `Saved ${message.kept.toLocaleString('en')} primitives as ${message.path}`;
+  showMessage(`Saved ${message.kept.toLocaleString('en')} primitives as ${message.path}`);
 });
 
 // ---- Handles ----

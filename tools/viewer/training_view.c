@@ -8,6 +8,7 @@
 
 #include "cli/interrupt.h"
 #include "cli/json_output.h"
+#include "cli/model_argument.h"
 #include "cli/progress.h"
 #include "sparegs/runtime.h"
 #include "viewer/view_session.h"
@@ -155,6 +156,7 @@ static bool start(training_view *view, const training_view_options *options,
         return false;
     view_source_offer(source, sgs_trainer_model(trainer), sgs_trainer_filter_3d(trainer),
                       sgs_trainer_iteration(trainer));
+    model_measure(sgs_trainer_model(trainer), source->center, &source->extent);
     return view_session_start(&view->session, &session);
 }
 

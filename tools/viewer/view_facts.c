@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cameras/camera_path.h"
 #include "cli/input_file.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
@@ -64,18 +65,6 @@ static json_t *views_json(const view_source *source)
                                               view && view->split == SGS_SPLIT_TEST, view != NULL));
     }
     return list;
-}
-
-// The mean of the cameras' up directions, unit; without cameras COLMAP's up, -y.
-static void up_axis(const camera_list *views, double up[3])
-{
-    double sum[3] = {0, 0, 0};
-    for (size_t i = 0; i < views->count; ++i)
-        for (int k = 0; k < 3; ++k)
-            sum[k] -= views->cameras[i].pose.rotation[3 + k];
-    const double length = sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
-    for (int k = 0; k < 3; ++k)
-        up[k] = length > 1e-6 ? sum[k] / length : k == 1 ? -1 : 0;
 }
 
 // The point with the least distance to the optical axes of all views, in front of most of them.
@@ -159,7 +148,7 @@ json_t *view_facts(view_source *source, bool training)
     memcpy(center, source->center, sizeof center);
     json_object_set_new(root, "gaussians", json_integer((json_int_t)atomic_load(&source->count)));
     json_object_set_new(root, "iteration", json_integer(atomic_load(&source->iteration)));
-    up_axis(&source->views, up);
+    camera_path_up(source->scene, &source->views, up);
     if (source->views.count > 2)
         point_of_interest(&source->views, center);
     json_t *name = json_string(source->name);

@@ -191,16 +191,19 @@ int view_hub_count(view_hub *hub)
 
 // ---- Incoming ----
 
-// A job refers to the camera at this time: the page may move on before it is done. A newer pixel
-// replaces an older one that waits.
+// A job refers to the camera at this time: the page may move on before it is done. A newer pixel or
+// history replaces an older one that waits.
 static void add_job(view_client *client, const view_message *message)
 {
+    const bool replaces = message->type == MESSAGE_PROBE || message->type == MESSAGE_HISTORY;
     int at = 0;
-    while (at < client->job_count &&
-           (message->type != MESSAGE_PROBE || client->jobs[at].type != MESSAGE_PROBE))
+    while (at < client->job_count && !(replaces && client->jobs[at].type == message->type))
         ++at;
-    if (at == HUB_JOBS)
+    if (at == HUB_JOBS) {
+        view_hub_post_json(client, json_pack("{s:s,s:s}", "type", "error", "text",
+                                             "too many requests are waiting; try again"));
         return;
+    }
     client->jobs[at] = *message;
     client->jobs[at].request = client->request;
     if (message->has_crop)

@@ -262,11 +262,17 @@ bool view_painter_exr(view_painter *painter, const view_request *request, char *
     files.is_silent = true;
     files.regions = &source->regions;
     files.aovs = has_regions ? AOV_ALL : AOV_ALL & ~(unsigned)(AOV_REGION | AOV_SLACK);
-    const bool done = !sgs_frame_create_with(request->camera.width, request->camera.height,
-                                             SGS_AOVS_ALL, &frame) &&
-                      !sgs_renderer_render(source->renderer, &request->camera, &request->pose,
-                                           &options, &frame) &&
-                      frame_write_exr(&files, &frame);
+    sgs_renderer *renderer = source->renderer;
+    if (request->crop.preview == CROP_HIDE) { // rows of the copy are not those of the model
+        files.aovs &= ~(unsigned)AOV_OF_ROWS;
+        renderer = renderer_for(painter, request, AOV_INDEX_RGBA);
+    }
+    const bool done =
+        renderer &&
+        !sgs_frame_create_with(request->camera.width, request->camera.height, SGS_AOVS_ALL,
+                               &frame) &&
+        !sgs_renderer_render(renderer, &request->camera, &request->pose, &options, &frame) &&
+        frame_write_exr(&files, &frame);
     sgs_frame_free(&frame);
     return done;
 }

@@ -126,6 +126,7 @@ static int take_messages(const stream *s, frame_input *input)
 static int read_all(const stream *s, view_hub *hub, frame_input *input)
 {
     double whole = clock_seconds(), heard = whole, pinged = whole; // times of the last of each
+    double asked = whole; // time of the first ping since `heard`, if later than that
     for (int status = 0;;) {
         size_t room;
         unsigned char *space = frame_input_space(input, &room);
@@ -146,12 +147,13 @@ static int read_all(const stream *s, view_hub *hub, frame_input *input)
             whole = now;
         if (now - whole > MESSAGE_SECONDS)
             return CLOSE_POLICY;
-        if (now - heard > SILENT_SECONDS)
+        if (asked > heard && now - asked > SILENT_SECONDS - PING_SECONDS)
             return -1;
         if (now - fmax(heard, pinged) > PING_SECONDS) {
-            pinged = now;
-            if (!send_frame(s, MG_WEBSOCKET_OPCODE_PING, NULL, 0))
+            if (!send_frame(s, MG_WEBSOCKET_OPCODE_PING, NULL, 0)) // waits for a frame being sent
                 return -1;
+            pinged = clock_seconds();
+            asked = asked > heard ? asked : pinged;
         }
     }
 }

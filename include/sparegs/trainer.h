@@ -341,6 +341,9 @@ SGS_API sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
 // False if a step failed after it had changed the state. Such a trainer can only load a checkpoint
 // or be destroyed.
 SGS_API bool sgs_trainer_is_consistent(const sgs_trainer *trainer);
+// True if the last step failed with OUT_OF_MEMORY because its structural update would exceed the
+// memory limit of this process or of another rank; nothing has changed. The same on all ranks.
+SGS_API bool sgs_trainer_update_refused(const sgs_trainer *trainer);
 // Last iteration whose structural update, if any, has been made: the last one or the one before it.
 SGS_API int sgs_trainer_structure_iteration(const sgs_trainer *trainer);
 

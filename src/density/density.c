@@ -14,6 +14,7 @@
 
 #include <math.h>
 #include <string.h>
+#include <xxhash.h>
 
 #include "model/opacity.h"
 #include "base/core.h"
@@ -409,10 +410,22 @@ static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipe
     return status ? status : make_plan(columns, rows->fixed, result, plan);
 }
 
+// A hash of which rows the update keeps, adds and moves.
+static uint64_t plan_digest(const sgsi_density_plan *plan, const sgsi_density_columns *columns)
+{
+    const sgsi_row_moves *moves = &columns->moves;
+    uint64_t digest = XXH64(plan->entries, plan->count * sizeof *plan->entries, 0);
+    if (moves->root)
+        digest = XXH64(moves->root, columns->count * sizeof *moves->root, digest);
+    if (moves->copies)
+        digest = XXH64(moves->copies, columns->count * sizeof *moves->copies, digest);
+    return digest;
+}
+
 sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipeline *pipeline,
                                const sgsi_density_options *options, sgsi_density_result *result)
 {
-    *result = (sgsi_density_result){.mean_weight = 1.0};
+    *result = (sgsi_density_result){.mean_weight = 1.0, .unchanged = true};
     sgsi_density_columns columns;
     sgsi_statistics gathered = {0};
     const size_t count = (rows->count ? *rows->count : rows->model->count) - rows->fixed;
@@ -430,6 +443,8 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
         status = decide_and_plan(rows, pipeline, options, &columns,
                                  rows->peers ? &gathered : rows->statistics, result, &plan);
     sgsi_statistics_free(&gathered);
+    if (!status && rows->peers && options->compare)
+        status = options->compare(options->compare_context, plan_digest(&plan, &columns));
     result->refused =
         !status && options->admits && !options->admits(options->admits_context, plan.count);
     if (result->refused)
@@ -443,6 +458,7 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
     sgsi_plan_trim(&plan);
     if (rows->peers)
         sgsi_return_memory();
+    result->unchanged = status != SGS_STATUS_OK;
     if (!status)
         status = sgsi_density_apply(rows, &plan, &moves, options);
     if (!status)

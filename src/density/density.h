@@ -61,7 +61,7 @@ typedef struct sgsi_density_rows {
 
 // One structural update by the rules of a pipeline. Moments move with their rows; those of new rows
 // are 0. The new rows are in Morton order of their means. Clears the statistics. Fails with
-// OUT_OF_MEMORY: with result->refused nothing has changed, otherwise the model is unusable.
+// OUT_OF_MEMORY, or as options.compare; unless result->unchanged the model is then unusable.
 sgs_status sgsi_density_update(const sgsi_density_rows *rows, const struct sgsi_pipeline *pipeline,
                                const sgsi_density_options *options, sgsi_density_result *result);
 

@@ -9,6 +9,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "sparegs/status.h"
+
 struct sgs_region;
 struct sgs_train_options;
 struct spare_options;
@@ -45,6 +47,9 @@ typedef struct sgsi_density_options {
     // always.
     bool (*admits)(const void *context, size_t count);
     const void *admits_context;
+    // With several processes: fails if their plans differ; called before any change.
+    sgs_status (*compare)(const void *context, uint64_t digest);
+    const void *compare_context;
     uint64_t seed; // of the split children, mixed with `iteration`
     long iteration;
     bool spare_densify, spare_prune;   // BMD, RAP
@@ -61,7 +66,8 @@ typedef struct sgsi_density_result {
     double spare_seconds;
     struct sgs_region *region_list; // [regions], the caller frees it; NULL without SPARE-GS
     double region_low[3], region_cell[3];
-    bool refused; // options.admits refused; nothing has changed
+    bool unchanged; // the update failed before it changed model, moments or statistics
+    bool refused;   // so it failed, because options.admits refused
 } sgsi_density_result;
 
 typedef enum sgsi_action { SGSI_ACTION_KEEP, SGSI_ACTION_CLONE, SGSI_ACTION_SPLIT } sgsi_action;

@@ -28,7 +28,15 @@ static uint64_t arithmetic(void)
     XXH64_reset(state, 0);
     for (uint64_t i = 0; i < PROBES; ++i) {
         const double x = 40.0 * sgsi_random_uniform(1, i) - 20.0;
-        const double values[] = {exp(x), log(fabs(x) + 1e-9), pow(fabs(x), 0.37)};
+        const double values[] = {exp(x),
+                                 log(fabs(x) + 1e-9),
+                                 pow(fabs(x), 0.37),
+                                 tanh(x),
+                                 expm1(0.1 * x),
+                                 log1p(fabs(x)),
+                                 cos(x),
+                                 tan(x),
+                                 log10(fabs(x) + 1e-9)};
         const float value = expf((float)x);
         XXH64_update(state, values, sizeof values);
         XXH64_update(state, &value, sizeof value);

@@ -186,7 +186,8 @@ static size_t next_view(sgs_trainer *trainer)
         for (size_t i = 0; i < n; ++i)
             trainer->order[i] = (uint32_t)i;
         for (size_t i = n; i-- > 1;) {
-            const size_t k = (size_t)(sgsi_random_uniform(seed, i) * (double)(i + 1));
+            size_t k = (size_t)(sgsi_random_uniform(seed, i) * (double)(i + 1));
+            k = k < i ? k : i; // where the number rounds to 1
             const uint32_t kept = trainer->order[i];
             trainer->order[i] = trainer->order[k];
             trainer->order[k] = kept;
@@ -346,7 +347,8 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
     }
     trainer->inconsistent = true;
     const sgs_status status = sgsi_trainer_update_structure(trainer, iteration, scores, info);
-    trainer->inconsistent = status != SGS_STATUS_OK && !trainer->update_refused;
+    if (!status)
+        trainer->inconsistent = false;
     return status;
 }
 
@@ -361,9 +363,12 @@ static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
         return SGS_STATUS_OK;
     sgsi_small_images images = {0};
     sgs_status status = SGS_STATUS_OK;
-    if (progress->resolution && sgsi_schedule_may_resize(schedule, iteration))
+    if (progress->resolution && sgsi_schedule_may_resize(schedule, iteration)) {
         status = sgsi_small_images_make(
             &trainer->views, sgsi_resolution_at(&trainer->resolution, iteration), &images);
+        if (trainer->views.ranks) // all ranks resize, or none
+            status = sgs_ranks_agree(trainer->views.ranks, status);
+    }
     if (!status && sgsi_schedule_is_update(schedule, iteration))
         status = control_density(trainer, iteration, info);
     if (status) {
@@ -438,7 +443,9 @@ static sgs_status check_ready(const sgs_trainer *trainer)
 // Continues a run that completed a shorter schedule: its last iteration changed counters only and
 // is repeated, so that the state equals that of a run with the present length. The rate of exposure
 // and the last refreshes of the 3D filter depend on the length and are those of the shorter one. If
-// the shorter run ended at a final pruning (fastgs), its last batch stayed open and is dropped.
+// the shorter run ended at a final pruning (fastgs), its last batch stayed open and is dropped. If
+// it ended with the densification and has linear opacities, it has converted them, and the repeated
+// iteration trains the converted ones.
 static sgs_status repeat_last(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;
@@ -502,6 +509,11 @@ static sgs_status step(sgs_trainer *trainer, sgs_step_info *info)
     trainer->inconsistent = false;
     account_step(trainer, start, loops);
     return SGS_STATUS_OK;
+}
+
+bool sgs_trainer_update_refused(const sgs_trainer *trainer)
+{
+    return trainer->update_refused;
 }
 
 sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)

@@ -286,6 +286,7 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
     if (trainer->options.init) {
         status = copy_initial_model(trainer, trainer->options.init);
         trainer->options.init = NULL;
+        trainer->has_init = true;
     } else {
         status = trainer->scene->point_count ? scene_cloud(trainer) : random_cloud(trainer);
         if (!status)

@@ -60,6 +60,7 @@ struct sgs_trainer {
     bool seen;                        // a primitive was hit in some view
     bool inconsistent;                // the last step failed after it had changed the state
     bool update_refused;              // the last structural update would have exceeded memory_limit
+    bool has_init;                    // it began from options.init
     size_t memory_limit, image_cache; // bytes; 0 = none
     sgsi_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint

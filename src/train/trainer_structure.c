@@ -61,11 +61,13 @@ static bool own_memory_admits(const sgs_trainer *trainer, size_t count)
     if (!limit || count <= before)
         return true;
     const int ranks = sgsi_trainer_ranks(trainer);
+    sgs_train_options options = trainer->options;
+    options.init = trainer->has_init ? trainer->model : NULL; // what the estimate asks
     const size_t copy = count / (size_t)ranks * SGS_PARAM_COUNT * sizeof(float);
-    const size_t estimate = sgs_train_memory_per_rank(trainer->scene, &trainer->options,
+    const size_t estimate = sgs_train_memory_per_rank(trainer->scene, &options,
                                                       trainer->image_cache, count, ranks),
-                 current = sgs_train_memory_per_rank(trainer->scene, &trainer->options,
-                                                     trainer->image_cache, before, ranks);
+                 current = sgs_train_memory_per_rank(trainer->scene, &options, trainer->image_cache,
+                                                     before, ranks);
     const size_t growth = estimate > current ? estimate - current : 0;
     return estimate <= limit && sgs_rss_current() + copy + growth <= limit;
 }
@@ -79,6 +81,26 @@ static bool memory_admits(const void *context, size_t count)
         return own_memory_admits(trainer, count);
     return !(sgs_ranks_raised(ranks) & SGSI_RANKS_LIMITED) ||
            all_ranks(ranks, own_memory_admits(trainer, count));
+}
+
+// Every rank plans the update. Different C libraries or faulty memory could give different plans.
+static sgs_status plans_agree(const void *context, uint64_t digest)
+{
+    const sgs_trainer *trainer = context;
+    sgs_ranks *ranks = trainer->views.ranks;
+    const size_t count = (size_t)sgs_ranks_count(ranks);
+    uint64_t *digests = sgsi_alloc(count, sizeof *digests);
+    sgs_status status =
+        digests ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ranks");
+    status = sgs_ranks_gather(ranks, status, &digest, sizeof digest, digests);
+    for (size_t r = 0; r < count && !status; ++r)
+        if (digests[r] != digests[0])
+            status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                               "rank %zu computed another structural update than rank 0: its C "
+                               "library differs, or its memory is faulty",
+                               r);
+    sgsi_free(digests);
+    return status;
 }
 
 static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
@@ -117,6 +139,8 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .max_count = o->max_gaussians,
         .admits = trainer->memory_limit || sgsi_trainer_is_shared(trainer) ? memory_admits : NULL,
         .admits_context = trainer,
+        .compare = plans_agree,
+        .compare_context = trainer,
         .seed = o->seed,
         .iteration = iteration,
         .spare_densify = (o->spare & SGS_SPARE_BMD) && regulates,
@@ -186,7 +210,8 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
     sgsi_density_result result;
     sgs_status status = sgsi_density_update(&rows, trainer->pipeline, &options, &result);
     trainer->update_refused = result.refused;
-    if (result.refused) {
+    if (result.unchanged) {
+        trainer->inconsistent = false;
         progress->pipeline = state;
         sgsi_free(result.region_list);
         return status;

@@ -90,6 +90,14 @@ for method in ghap mesongs lightgaussian; do
 done
 run 0 compress "$model" -o "$temporary/kept" --method ghap --preset spare-2 --keep 0.5 --quiet
 reports "--preset has no effect with --keep, the only value that it sets"
+for method in lightgaussian mesongs; do
+    run 2 compress "$model" -o "$temporary/none" --method $method --keep 0.5
+    reports "--keep: the importance of primitives requires a scene; add the operand SCENE"
+    one_line
+done
+cp "$temporary/kept" "$temporary/kept.ply"
+run 2 decompress "$temporary/kept.ply" -o "$temporary/kept.ply"
+check the_input_is_kept cmp "$temporary/kept" "$temporary/kept.ply"
 run 2 compress "$model" "$room" -o "$temporary/none" --method lightgaussian --finetune 5
 reports "--finetune has no effect on lightgaussian without --keep below 1"
 one_line

@@ -96,6 +96,8 @@ run 2 view "$out" --export "$temporary/page.ply"
 reports "does not end in .html"
 run 2 view "$out" --export "$temporary/page.html" --port 8080
 reports "--port has no effect with --export"
+run 2 view "$out" --export "$temporary/page.html" --background 1,1,1
+reports "--background has no effect with --export"
 run 1 view "$out" --export /proc/none/page.html
 reports "/proc/none: cannot be created"
 one_line
@@ -211,6 +213,8 @@ run 0 eval "$temporary/x.ply" "$room" --downscale 8 --json --quiet
 check transforms_are_undone test "$(jq -n "($(value .mean.psnr) - $reference) | fabs < 0.05")" = true
 
 # what_is_wrong_is_named
+run 2 convert "$ply" "$temporary/a.usda" "$room" --test-images ,
+reports "--test-images"
 run 2 convert "$ply"
 run 2 convert "$ply" "$temporary/a.obj"
 reports "the name has no known extension"

@@ -127,6 +127,15 @@ expect '^\| 3dgs \| y \| 10.0 \| 50 .*\| -10.0 % \| -1.00 '
 expect '^\| 3dgs \| scene-weighted mean .*\| \+0.0 % \| -23.3 % \| \+0.17 '
 expect '^\| average .*\| -23.3 % '
 if grep -q LPIPS "$folder/sets/report.md"; then echo "FAIL: LPIPS without weights"; exit 1; fi
+# Variants that are not off and on are in the tables too.
+mkdir "$folder/one"
+jq '.plan.variants = [{name: "x"}] | .runs = [.runs[] | select(.variant == "on") | .variant = "x" | .summary.seconds = {spare: 1}]' \
+    "$folder/sets/results.json" >"$folder/one/results.json"
+"$SPAREGS_PROGRAM" report "$folder/one" --pictures 0 --maps 0 >/dev/null
+for row in '^\| x \| 108 \| 10.0 ' '^\| 3dgs \| x \|.* 10.00 '; do
+    grep -qE "$row" "$folder/one/report.md" || { echo "FAIL: no $row in:"; cat "$folder/one/report.md"; exit 1; }
+done
+if grep -q "Base pipelines" "$folder/one/report.md"; then echo "FAIL: a table of off and on"; exit 1; fi
 # LPIPS where the runs have it: +0.05 on x, 0 on y.
 jq '.runs[].summary.test.lpips = 0.2 | (.runs[] | select(.scene != "c" and .variant == "on")).summary.test.lpips = 0.25 |
     .plan.variants += [{name: "t"}] | .runs += [.runs[] | select(.variant == "on") | .variant = "t"]' "$folder/sets/results.json" >"$folder/sets/lpips.json"

@@ -64,6 +64,35 @@ changed 0 '{spare_tau_alpha: 0.0500000001}' '{spare_tau_alpha: 0.05000000012}'
 changed 1 '{spare_tau_alpha: 0.05}' '{"spare-tau-alpha": 0.06}'
 reports "was trained with spare_tau_alpha 0.05"
 
+# options_of_other_pipelines_do_not_belong_to_a_run: a pipeline is added with its option; old files name the option too
+jq -n "{scene: \"$room\", pipeline: \"3dgs\", seed: 0, options: {iterations: 70, eval: true}}" >"$settings/experiment.json"
+jq '.variants = [{name: "on"}] | .pipelines += ["mcmc"] | .options["mcmc-noise"] = 1e5' <<<"$base" >"$plan"
+run 0 experiment "$plan" -o "$temporary/settings" --check
+jq '.options.mcmc_noise = 2e5' "$settings/experiment.json" >"$temporary/old.json" && mv "$temporary/old.json" "$settings/experiment.json"
+run 0 experiment "$plan" -o "$temporary/settings" --check
+refused 'an option of a scene has no effect on any of its runs; remove' '.scenes[0].options = {mcmc_noise: 1e5}'
+
+# the_folder_of_photos_can_be_an_option_of_the_plan_or_of_a_variant
+mkdir "$temporary/small"
+cp -r "$room/sparse" "$temporary/small/"
+cp -r "$room/images" "$temporary/small/images_4"
+refused_folder() {
+    jq ".scenes[0].path = \"$temporary/small\" | $1" <<<"$base" >"$plan"
+    run 1 experiment "$plan" --check
+    reports "images"
+}
+refused_folder .
+refused_folder '.options.images = "images_2"'
+for change in '.options.images = "images_4"' '.variants = [{name: "on", options: {images: "images_4"}}]'; do
+    jq ".scenes[0].path = \"$temporary/small\" | $change" <<<"$base" >"$plan"
+    run 0 experiment "$plan" --check
+done
+
+# runs_that_write_one_trace
+jq '.options.trace = "t.json" | .seeds = [0, 1]' <<<"$base" >"$plan"
+run 0 experiment "$plan" --check
+reports "several runs write the trace '$temporary/t.json'; the last one remains"
+
 # paths_are_relative_to_the_plan and input files exist
 missing() { # OPTION PATH CHANGE
     refused "option '$1': $temporary/$2 does not exist; paths are relative to the plan" "$3"

@@ -93,6 +93,8 @@ reports "--filter has no effect on a score that renders no views"
 run 0 prune "$model" "$room" --method refine -o "$temporary/mip.ply" --ratio 0.5 --filter mip
 check no_warning test ! -s "$temporary/stderr"
 check the_filter_is_recorded grep -aq '^comment SplatRenderMode: mip$' "$temporary/mip.ply"
+run 0 prune "$model/point_cloud/"iteration_* --method refine -o "$temporary/folder.ply" --ratio 0.3 # cameras of its run
+check the_pruned_model_is_that_of_the_run cmp "$temporary/folder.ply" "$temporary/refine/prune_0.3.ply"
 run 1 prune "$temporary/light.ply" --method refine -o "$temporary/x.ply" --ratio 0.5
 reports "light.ply: no cameras: give SCENE, or a run folder with cameras.json"
 one_line

@@ -384,8 +384,8 @@ static bool iterate_once(training *run, trace_file *trace)
         return true;
     }
     const bool whole = !status || group_recover(sgs_trainer_is_consistent(run->trainer));
-    if (status == SGS_STATUS_OUT_OF_MEMORY && run->values.max_memory && whole) {
-        run->stop = SGS_STOP_MEMORY_LIMIT; // the next structural update was refused
+    if (status == SGS_STATUS_OUT_OF_MEMORY && sgs_trainer_update_refused(run->trainer) && whole) {
+        run->stop = SGS_STOP_MEMORY_LIMIT;
         return true;
     }
     if (status)

@@ -312,23 +312,40 @@ bool names_channel(const std::string &name, const char *wanted)
     return lower(dot == std::string::npos ? name : name.substr(dot + 1)) == wanted;
 }
 
-// Finds the channels of EXR files by name. Without plain R, G, B, the first layer with colours is
-// used.
+// The part of a channel's name before its last dot, with the dot.
+std::string layer_of(const std::string &name)
+{
+    const size_t dot = name.rfind('.');
+    return dot == std::string::npos ? "" : name.substr(0, dot + 1);
+}
+
+// Finds the channels of EXR files by name: those of the main layer, or of the first layer that has
+// R, G and B; without either, Y of the main layer.
 bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
 {
-    static const char *const wanted[] = {"r", "g", "b", "a"};
+    static const char *const wanted[] = {"r", "g", "b", "a", "y"};
+    std::vector<std::string> layers = {""};
+    for (const std::string &name : spec.channelnames)
+        if (std::find(layers.begin(), layers.end(), layer_of(name)) == layers.end())
+            layers.push_back(layer_of(name));
     int found[4] = {-1, -1, -1, -1}, grey = -1;
-    for (int exact = 1; exact >= 0 && found[0] < 0; --exact)
+    for (const std::string &layer : layers) {
+        int own[5] = {-1, -1, -1, -1, -1};
         for (int c = 0; c < spec.nchannels; ++c) {
             const std::string &name = spec.channelnames[size_t(c)];
-            if (exact && name.find('.') != std::string::npos)
-                continue;
-            for (int k = 0; k < 4; ++k)
-                if (found[k] < 0 && names_channel(name, wanted[k]))
-                    found[k] = c;
-            if (grey < 0 && names_channel(name, "y"))
-                grey = c;
+            for (int k = 0; k < 5; ++k)
+                if (own[k] < 0 && layer_of(name) == layer && names_channel(name, wanted[k]))
+                    own[k] = c;
         }
+        if (layer.empty() && own[4] >= 0) {
+            grey = own[4];
+            found[3] = own[3];
+        }
+        if (own[0] >= 0 && own[1] >= 0 && own[2] >= 0) {
+            std::copy(own, own + 4, found);
+            break;
+        }
+    }
     if (found[0] < 0 || found[1] < 0 || found[2] < 0) {
         if (grey < 0)
             return false;

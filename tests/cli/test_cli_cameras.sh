@@ -252,6 +252,22 @@ run 0 render "$model" "$room" --view 0009 --projection equirectangular --size 96
 check a_panorama_is_written test "$(lens "$temporary/globe/cameras.json")" = "EQUIRECTANGULAR 4"
 run 0 render "$model" --camera "$temporary/globe/cameras.json" --aov rgba -o "$temporary/globe_again"
 check a_panorama_comes_back oiiotool --fail 0.0001 "$temporary/globe/0009.exr" "$temporary/globe_again/0009.exr" --diff
+run 1 render "$model" --camera "$temporary/globe/cameras.json" --aov rgba --overscan 4 -o "$temporary/none"
+reports "0009.jpg: --overscan has no effect on a panorama"
+one_line
+run 0 render "$model" --camera "$temporary/globe/cameras.json" --size 48x48 --aov rgba -o "$temporary/globe_sized"
+is_latlong() { oiiotool --info -v "$1" | grep -qi 'envmap\|latlong'; }
+check a_panorama_of_another_size_is_whole is_latlong "$temporary/globe_sized/0009.exr"
+jq '.[0].cx += 3' "$temporary/globe/cameras.json" >"$temporary/part.json"
+run 0 render "$model" --camera "$temporary/part.json" --aov rgba -o "$temporary/part"
+check a_shifted_panorama_is_no_environment bash -c "! oiiotool --info -v '$temporary/part/0009.exr' | grep -qi 'envmap\|latlong'"
+run 2 render "$model" "$room" --orbit 3 --projection equirectangular --path-lens view -o "$temporary/none"
+reports "--path-lens has no effect with --projection equirectangular"
+# cx and cy of a lens are those of params where they are missing
+jq '.[0] |= (.params[2] += 5 | .cx = .params[2])' "$temporary/bent.json" >"$temporary/given.json"
+jq '.[0] |= del(.cx, .cy)' "$temporary/given.json" >"$temporary/missing.json"
+for name in given missing; do run 0 render "$model" --camera "$temporary/$name.json" --aov rgba -o "$temporary/centre_$name"; done
+check the_centre_of_params_counts oiiotool --fail 0 "$temporary/centre_given"/*.exr "$temporary/centre_missing"/*.exr --diff
 for broken in '.camera_model = 5' '.camera_model = "LENS"' '.params = [1]' 'del(.params)' '.params[7] = "x"' '.fx *= 2'; do
     jq ".[0] |= ($broken)" "$temporary/bent.json" >"$temporary/wrong.json"
     run 1 render "$model" --camera "$temporary/wrong.json" -o "$temporary/none"

@@ -235,6 +235,10 @@ for name in depth depth_first hits position; do
 done
 near_far=$(jq -r '.ranges.depth | map(tostring) | join(":")' "$temporary/ranges.json")
 check the_range_is_in_the_file bash -c "oiiotool --info -v '$temporary/ranges/crop.depth.png' | grep -q 'ImageDescription.*represent ${near_far/:/ to }'"
+# Tiles of a preview would be larger: the range is measured at full size, so that it has a brightest pixel.
+run 0 render "$model" --camera "$temporary/crop.json" --frames 0 --size 1920x1080 --format png --aov candidates -o "$temporary/tiles"
+brightest() { oiiotool --stats "$1" | awk '/Stats Max/ { print $3 }'; }
+check the_range_of_candidates_is_that_of_the_frame test "$(brightest "$temporary/tiles/$whole.candidates.png")" -gt 200
 # The option gives the range of another call, and of all rows of depth.
 run 0 render "$model" --camera "$temporary/crop.json" --frames 1 --format png --aov depth,depth_first --depth-range "$near_far" \
     -o "$temporary/given"
@@ -408,8 +412,10 @@ run 2 prune "$temporary/ratios/prune_0.3.ply" "$room" --method refine --ratio 0.
 reports "--output: $temporary/ratios/prune_0.3.ply is an input of this command; choose another file"
 run 2 prune "$ply" "$room" --method refine --ratio 0.3,0.5 -o "$temporary/ratios" --scores "$temporary/ratios/prune_0.5.ply"
 reports "--scores and --output are both $temporary/ratios/prune_0.5.ply; choose different files"
-(cd "$temporary" && run 2 prune "$ply" "$room" --method refine --ratio 0.5 -o ./new.ply --scores new.ply
-    reports "--output and --scores are both ./new.ply; choose different files")
+cd "$temporary" # not in a subshell, whose failed checks do not count
+run 2 prune "$ply" "$room" --method refine --ratio 0.5 -o ./new.ply --scores new.ply
+cd "$OLDPWD"
+reports "--scores and --output are both new.ply; choose different files"
 check the_model_of_the_run_is_intact cmp "$ply" "$temporary/kept.ply"
 run 2 prune "$ply" "$room" --method refine --ratio 0.5 -o "$temporary/same.ply" --scores "$temporary/same.ply"
 reports "--scores and --output are both $temporary/same.ply; choose different files"

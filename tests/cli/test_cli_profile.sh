@@ -61,5 +61,8 @@ for both in "--orbit 2 --view 0009" "--orbit 2 --split test" "--view 0009 --view
 done
 run 2 profile "$model"
 one_line
+run 2 profile "$model" "$room" --compact-box 0.5
+reports "--compact-box has no effect on profile"
+one_line
 
 finish

@@ -565,7 +565,7 @@ static void broken_files_are_reported_in_one_line(void **state)
     tree_remove(&folder);
 }
 
-// A layer's colours are found by the name after its prefix; unprefixed ones take precedence.
+// A layer's colours are found by the name after its prefix, without the alpha of another layer.
 static void exr_layers_are_found_by_name(void **state)
 {
     (void)state;
@@ -578,7 +578,7 @@ static void exr_layers_are_found_by_name(void **state)
                                        {"beauty.B", planes[1], NULL, 0},
                                        {"beauty.G", planes[2], NULL, 0},
                                        {"beauty.R", planes[3], NULL, 0},
-                                       {"mask.id", planes[4], NULL, 0}};
+                                       {"other.A", planes[4], NULL, 0}};
     const sgs_exr_info info = {.width = WIDTH, .height = HEIGHT};
     assert_int_equal(sgs_exr_write(temp_path(&folder, "a.exr"), &info, layers, 5), SGS_STATUS_OK);
     sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));

@@ -52,12 +52,23 @@ static bool write_cameras_json(const char *path, const camera_list *list)
     return done;
 }
 
+void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
+{
+    sgs_camera_intrinsics(camera, fx, fy, cx, cy);
+    const double omega = camera->model == SGS_CAMERA_FOV ? camera->params[4] : 0;
+    if (fabs(omega) < 1e-6)
+        return;
+    const double scale = 2 * tan(0.5 * omega) / omega; // of atan(2 r tan(omega / 2)) / omega at 0
+    *fx *= scale;
+    *fy *= scale;
+}
+
 static void chan_line(FILE *out, const named_camera *camera, size_t frame)
 {
     double axes[9], center[3], fx, fy, cx, cy;
     graphics_axes(&camera->pose, axes);
     sgs_pose_center(&camera->pose, center);
-    sgs_camera_intrinsics(&camera->camera, &fx, &fy, &cx, &cy);
+    camera_paraxial(&camera->camera, &fx, &fy, &cx, &cy);
     // Rotation = R_y R_x R_z. A camera that looks straight up or down turns about one axis by y and
     // z; z is then 0.
     const double level = hypot(axes[2], axes[8]);
@@ -85,7 +96,7 @@ typedef struct film {
 static film film_of(const sgs_camera *camera)
 {
     double fx, fy, cx, cy;
-    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    camera_paraxial(camera, &fx, &fy, &cx, &cy);
     const double focal = fx / camera->width * FILM_WIDTH, height = camera->height / fy * focal;
     return (film){.focal = focal,
                   .width = FILM_WIDTH,
@@ -177,7 +188,7 @@ static void warn_off_centre(const camera_list *list)
     for (size_t i = 0; i < list->count; ++i) {
         const sgs_camera *camera = &list->cameras[i].camera;
         double fx, fy, cx, cy;
-        sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+        camera_paraxial(camera, &fx, &fy, &cx, &cy);
         count += fabs(cx - 0.5 * camera->width) > 0.5 || fabs(cy - 0.5 * camera->height) > 0.5;
     }
     if (count)
@@ -230,7 +241,7 @@ bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose
                       sgs_model_camera *out)
 {
     *out = (sgs_model_camera){.name = name, .width = camera->width, .height = camera->height};
-    sgs_camera_intrinsics(camera, &out->fx, &out->fy, &out->cx, &out->cy);
+    camera_paraxial(camera, &out->fx, &out->fy, &out->cx, &out->cy);
     memcpy(out->rotation, pose->rotation, sizeof out->rotation);
     memcpy(out->translation, pose->translation, sizeof out->translation);
     return is_distorted(camera);

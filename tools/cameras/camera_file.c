@@ -67,8 +67,10 @@ static const char *read_lens(const json_t *entry, sgs_camera *camera)
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
     if (!(fabs(fx - pinhole.params[0]) <= 1e-6 * fx && fabs(fy - pinhole.params[1]) <= 1e-6 * fy))
         return "fx and fy must be those of params";
-    // cx and cy count, so that they can be changed alone.
-    *camera = sgs_camera_shifted(camera, pinhole.params[2] - cx, pinhole.params[3] - cy);
+    // cx and cy, where given, count, so that they can be changed alone.
+    const bool has_cx = json_object_get(entry, "cx"), has_cy = json_object_get(entry, "cy");
+    *camera = sgs_camera_shifted(camera, has_cx ? pinhole.params[2] - cx : 0,
+                                 has_cy ? pinhole.params[3] - cy : 0);
     return NULL;
 }
 

@@ -414,9 +414,11 @@ bool camera_path_spiral(const sgs_scene *scene, const path_options *options, cam
     const vec hub = center(&base->pose), forward = axis(&base->pose, 2);
     vec right, up;
     held_axes(&base->pose, base->orientation, &right, &up);
+    // Cameras at one point: the extent is that of the points.
+    const double spread = group.spread > 1e-6 * scene->extent ? group.spread : 0.25 * scene->extent;
     const double ahead = group.converge ? dot(along(group.target, hub, -1), forward) : 0;
-    const double distance = ahead > 0 ? ahead : 4 * group.spread + 1e-6;
-    const double radius = fmin(0.5 * group.spread, SPIRAL_WIDTH * distance);
+    const double distance = ahead > 0 ? ahead : 4 * spread;
+    const double radius = fmin(0.5 * spread, SPIRAL_WIDTH * distance);
     const vec target = along(hub, forward, distance);
     const sgs_camera lens = path_lens(scene, options);
     for (int i = 0; i < count; ++i) {

@@ -206,7 +206,8 @@ static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, 
 static void reshape(const camera_choice *choice, sgs_camera *camera)
 {
     const bool sized = choice->width > 0;
-    if (choice->projection == PROJECTION_EQUIRECTANGULAR)
+    const sgs_camera sphere = sgs_camera_equirectangular(camera->width, camera->height);
+    if (choice->projection == PROJECTION_EQUIRECTANGULAR || sgs_camera_equal(camera, &sphere))
         *camera = sgs_camera_equirectangular(sized ? choice->width : 2 * camera->height,
                                              sized ? choice->height : camera->height);
     else if (sized)

@@ -347,6 +347,9 @@ int command_profile(int argc, char **argv)
     const bool split = option_given(&call.line, "split") || option_given(&call.line, "views");
     if (status < 0 && values.orbit && (values.view || split))
         status = fail_usage("--orbit selects the views; omit --view, --views and --split");
+    if (status < 0)
+        status = refuse_idle(&call.line, "compact-box",
+                             "on profile, which counts the hits of the whole support");
     if (status < 0 && values.view && split)
         status = fail_usage("--view selects one view; omit --views and --split");
     if (status >= 0)

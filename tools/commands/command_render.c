@@ -512,6 +512,18 @@ static sgs_scene *open_scene(const command_line *line, const camera_choice *choi
                : scene_open(path, data, false);
 }
 
+// False after printing the error: a panorama has no directions beyond its edges.
+static bool can_overscan(const camera_list *cameras)
+{
+    for (size_t i = 0; i < cameras->count; ++i)
+        if (cameras->cameras[i].camera.model == SGS_CAMERA_EQUIRECTANGULAR) {
+            fail_run("%s: --overscan has no effect on a panorama; omit it",
+                     cameras->cameras[i].name);
+            return false;
+        }
+    return true;
+}
+
 static int run_render(const command_line *line, const render_values *values,
                       const camera_choice *choice, scene_values *data, drawing_values *drawing)
 {
@@ -525,7 +537,8 @@ static int run_render(const command_line *line, const render_values *values,
         scene = open_scene(line, choice, data);
         status = scene ? -1 : EXIT_FAILED;
     }
-    if (status < 0 && !cameras_choose(choice, scene, &cameras))
+    if (status < 0 &&
+        !(cameras_choose(choice, scene, &cameras) && (!values->overscan || can_overscan(&cameras))))
         status = EXIT_FAILED;
     if (status < 0 && values->output && // without cameras the folder is removed
         !(make_folder(values->output) && check_writable(values->output)))
@@ -602,6 +615,8 @@ static int check_values(const command_line *line, const render_values *values,
             : values->aperture > 0      ? "--aperture"
             : values->output && sampled ? "--spp"
                                         : "--video without -o");
+    if (values->projection && option_given(line, "path-lens"))
+        return refuse_idle(line, "path-lens", "with --projection equirectangular");
     if (values->overscan > 0 && (values->film || values->projection))
         return fail_usage("--overscan and %s are mutually exclusive; %s",
                           values->film ? "--video" : "--projection equirectangular",

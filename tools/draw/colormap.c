@@ -125,8 +125,8 @@ bool normals_colored(const float *const normal[3], int width, int height, sgs_im
     return true;
 }
 
-bool positions_colored(const float *const position[3], const float *transmittance,
-                       const value_range ranges[3], int width, int height, sgs_image8 *out)
+bool positions_colored(const float *const position[3], const value_range ranges[3], int width,
+                       int height, sgs_image8 *out)
 {
     const size_t pixels = (size_t)width * (size_t)height;
     if (!allocate(width, height, out))
@@ -136,7 +136,7 @@ bool positions_colored(const float *const position[3], const float *transmittanc
         const double scale = high > low ? 1 / (high - low) : 0;
         for (size_t i = 0; i < pixels; ++i)
             out->pixels[c * pixels + i] =
-                transmittance[i] < 1
+                position[0][i] != 0 || position[1][i] != 0 || position[2][i] != 0
                     ? quantised(0.1 + 0.9 * fmax(scale * ((double)position[c][i] - low), 0))
                     : 0;
     }

@@ -31,9 +31,9 @@ bool plane_grey(const float *plane, int width, int height, sgs_image8 *out);
 // black.
 bool normals_colored(const float *const normal[3], int width, int height, sgs_image8 *out);
 
-// Points: each axis over its range. Empty pixels (transmittance 1) become black.
-bool positions_colored(const float *const position[3], const float *transmittance,
-                       const value_range ranges[3], int width, int height, sgs_image8 *out);
+// Points: each axis over its range. Empty pixels (0, 0, 0) become black.
+bool positions_colored(const float *const position[3], const value_range ranges[3], int width,
+                       int height, sgs_image8 *out);
 
 // One colour per id; SGS_NO_PRIMITIVE becomes black.
 bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out);

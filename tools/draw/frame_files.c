@@ -26,6 +26,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cameras/camera_export.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
@@ -90,7 +91,7 @@ static void camera_matrices(const sgs_camera *camera, const sgs_pose *pose, doub
                             double near_distance, double to_ndc[16])
 {
     double fx, fy, cx, cy, rows[3][4];
-    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    camera_paraxial(camera, &fx, &fy, &cx, &cy);
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 4; ++j) {
             rows[i][j] = j < 3 ? pose->rotation[3 * i + j] : pose->translation[i];
@@ -222,9 +223,13 @@ static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matr
     camera_matrices(&shown, files->pose, matrices->to_camera, files->near_distance,
                     matrices->to_ndc);
     double *k = matrices->intrinsics;
-    sgs_camera_intrinsics(&shown, &k[0], &k[1], &k[2], &k[3]);
-    const bool is_latlong = files->camera->model == SGS_CAMERA_EQUIRECTANGULAR;
-    const bool is_perspective = !is_latlong && !sgs_camera_is_fisheye(files->camera->model);
+    camera_paraxial(&shown, &k[0], &k[1], &k[2], &k[3]);
+    const sgs_camera whole =
+        sgs_camera_equirectangular(files->camera->width, files->camera->height);
+    // Readers map the data window to the whole sphere.
+    const bool is_latlong = sgs_camera_equal(files->camera, &whole);
+    const bool is_perspective = !sgs_camera_is_fisheye(files->camera->model) &&
+                                files->camera->model != SGS_CAMERA_EQUIRECTANGULAR;
     return (sgs_exr_info){.width = files->camera->width,
                           .height = files->camera->height,
                           .world_to_camera = matrices->to_camera,
@@ -283,6 +288,7 @@ struct deep_file {
     char *path;
     sgs_deep_sample *samples; // of a band
     size_t capacity;
+    bool failed; // and the error is printed
 };
 
 deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples)
@@ -329,6 +335,11 @@ static void linearise_samples(const frame_files *files, sgs_deep_sample *samples
     }
 }
 
+bool deep_file_failed(const deep_file *file)
+{
+    return file->failed;
+}
+
 sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts,
                           const sgs_deep_sample *samples)
 {
@@ -345,8 +356,11 @@ sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts
         free(file->samples);
         file->samples = malloc(total * sizeof *file->samples);
         file->capacity = file->samples ? total : 0;
-        if (!file->samples)
+        if (!file->samples) {
+            fail_run("no memory for the samples of %d rows", rows);
+            file->failed = true;
             return SGS_STATUS_OUT_OF_MEMORY;
+        }
     }
     if (total)
         memcpy(file->samples, samples, total * sizeof *samples);
@@ -446,8 +460,7 @@ static bool draw_row(const frame_files *files, const sgs_frame *frame, const mad
     case AOV_PICTURE_NORMALS:
         return normals_colored(planes, width, height, image);
     case AOV_PICTURE_POSITIONS:
-        return positions_colored(planes, frame->transmittance, files->ranges->of[k], width, height,
-                                 image);
+        return positions_colored(planes, files->ranges->of[k], width, height, image);
     case AOV_PICTURE_IDS:
         return ids_colored(ids, width, height, image);
     case AOV_PICTURE_SLACK:

@@ -43,6 +43,8 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
 // A sgs_deep_rows_fn whose context is the deep_file. The frame must still contain display colours.
 sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts,
                           const sgs_deep_sample *samples);
+// True if deep_file_rows has failed and printed the error, which the library then does not know.
+bool deep_file_failed(const deep_file *file);
 // Completes the file and prints its path, or discards it if `complete` is false. False after
 // printing the error.
 bool deep_file_close(deep_file *file, bool complete);

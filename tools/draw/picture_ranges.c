@@ -74,6 +74,15 @@ bool range_samples_add(range_samples *samples, unsigned aovs, const sgs_frame *f
     return true;
 }
 
+unsigned range_samples_missing(const range_samples *samples, unsigned aovs)
+{
+    unsigned missing = 0;
+    for (int k = 0; k < AOV_ROWS; ++k)
+        if (aovs >> k & 1 && channels_of(k) && !samples->rows[group_of(k)][0].count)
+            missing |= 1U << k;
+    return missing;
+}
+
 void range_samples_finish(range_samples *samples, unsigned aovs, picture_ranges *ranges)
 {
     for (int k = 0; k < AOV_ROWS; ++k)

@@ -35,6 +35,8 @@ unsigned ranged_aovs(unsigned aovs);
 unsigned range_planes(unsigned aovs);
 // Adds the values of a frame with these planes. False when out of memory.
 bool range_samples_add(range_samples *samples, unsigned aovs, const sgs_frame *frame);
+// Those of `aovs` that have no sample.
+unsigned range_samples_missing(const range_samples *samples, unsigned aovs);
 // Sets the ranges of `aovs` to the 1 % and 99 % quantiles of the samples.
 void range_samples_finish(range_samples *samples, unsigned aovs, picture_ranges *ranges);
 void range_samples_free(range_samples *samples);

@@ -16,7 +16,7 @@
 #include "sparegs/runtime.h"
 
 // Number and size in pixels of the small renderings that measure the ranges of PNG files.
-enum { PREVIEWS = 32, PREVIEW_SIZE = 128 };
+enum { PREVIEWS = 32, PREVIEW_SIZE = 128, FULL_PREVIEWS = 3 };
 
 // The model's parameters in double precision, row by row.
 static double *exact_params(const sgs_gaussians *model)
@@ -147,7 +147,7 @@ static bool draw_deep(view_drawer *drawer, const frame_files *files,
         return false;
     const bool done = !sgs_renderer_render_deep(drawer->renderer, files->camera, files->pose,
                                                 options, deep, drawer->frame, deep_file_rows, file);
-    if (!done)
+    if (!done && !deep_file_failed(file))
         fail_library();
     return deep_file_close(file, done);
 }
@@ -224,9 +224,10 @@ static bool draw_frame(view_drawer *drawer, const frame_files *files,
 
 // ---- Ranges of PNG files ----
 
-// A preview of a view: at most PREVIEW_SIZE pixels wide and high. Without the pixel filter, whose
-// footprint would grow with the size of the pixels.
-static bool preview(view_drawer *drawer, const named_camera *view, sgs_frame *frame)
+// A preview of a view with the planes of `aovs`, at most PREVIEW_SIZE pixels wide and high. Without
+// the pixel filter, whose footprint would grow with the size of the pixels. Or the whole frame.
+static bool preview(view_drawer *drawer, const named_camera *view, unsigned aovs, bool whole,
+                    sgs_frame *frame)
 {
     const sgs_camera *camera = &view->camera;
     const int longer = camera->width > camera->height ? camera->width : camera->height;
@@ -236,9 +237,28 @@ static bool preview(view_drawer *drawer, const named_camera *view, sgs_frame *fr
     const sgs_camera small = sgs_camera_resized(camera, width, height);
     sgs_render_options options = drawing_render_options(drawer->drawing);
     options.axis_depth = drawer->options->axis_depth;
-    options.filter = SGS_FILTER_NONE;
-    return prepare_frame(frame, &small, range_planes(drawer->options->aovs)) &&
-           draw_flat(drawer, &small, &view->pose, &options, frame);
+    if (!whole)
+        options.filter = SGS_FILTER_NONE;
+    return prepare_frame(frame, whole ? camera : &small, range_planes(aovs)) &&
+           draw_flat(drawer, whole ? camera : &small, &view->pose, &options, frame);
+}
+
+// Adds the values of up to `most` previews to the samples.
+static bool measure(view_drawer *drawer, const camera_list *views, unsigned aovs, size_t most,
+                    bool whole, range_samples *samples)
+{
+    const size_t count = views->count < most ? views->count : most;
+    sgs_frame frame = {0};
+    bool done = true;
+    for (size_t i = 0; i < count && aovs && done; ++i) {
+        done = preview(drawer, &views->cameras[i * views->count / count], aovs, whole, &frame);
+        if (done && !range_samples_add(samples, aovs, &frame)) {
+            fail_run("no memory to measure the ranges of the images");
+            done = false;
+        }
+    }
+    sgs_frame_free(&frame);
+    return done;
 }
 
 static void report_ranges(const view_drawer *drawer, unsigned aovs)
@@ -280,22 +300,19 @@ bool view_drawer_prepare(view_drawer *drawer, const camera_list *views)
     const bool is_given = o->depth_range.high > 0;
     const unsigned aovs = o->folder && o->png ? ranged_aovs(o->aovs) : 0,
                    measured = is_given ? aovs & ~(unsigned)AOV_DEPTHS : aovs;
-    const size_t count = views->count < PREVIEWS ? views->count : PREVIEWS;
+    // Candidates are counted per tile of 16x16 pixels, whatever the size of the image.
+    const unsigned scaled = measured & ~(unsigned)AOV_CANDIDATES;
     range_samples samples = {0};
-    sgs_frame frame = {0};
-    bool done = !o->film || prepare_film(drawer, views);
-    for (size_t i = 0; i < count && measured && done; ++i) {
-        done = preview(drawer, &views->cameras[i * views->count / count], &frame);
-        if (done && !range_samples_add(&samples, measured, &frame)) {
-            fail_run("no memory to measure the ranges of the images");
-            done = false;
-        }
-    }
+    bool done = (!o->film || prepare_film(drawer, views)) &&
+                measure(drawer, views, scaled, PREVIEWS, false, &samples);
+    // Rays of a preview may pass between primitives that are smaller than its pixels.
+    const unsigned missing =
+        range_samples_missing(&samples, scaled) | (measured & (unsigned)AOV_CANDIDATES);
+    done = done && measure(drawer, views, missing, FULL_PREVIEWS, true, &samples);
     range_samples_finish(&samples, measured, &drawer->ranges);
     for (int k = 0; k < AOV_ROWS; ++k)
         if (is_given && 1 << k & AOV_DEPTHS)
             drawer->ranges.of[k][0] = o->depth_range;
-    sgs_frame_free(&frame);
     range_samples_free(&samples);
     if (done && aovs)
         report_ranges(drawer, aovs);

@@ -24,10 +24,9 @@
     X(block_hits)                                                                                  \
     X(tile_hits)                                                                                   \
     X(macrotile_hits)                                                                              \
-    X(hits)                                                                                        \
-    X(sampled_hits)                                                                                \
-    X(sampled_hits_unstopped)                                                                      \
-    X(sampled_stopped)
+    X(hits)
+// Of the views in which a sampled pixel has a ray.
+#define SGS_EACH_SAMPLED(X) X(sampled_hits) X(sampled_hits_unstopped) X(sampled_stopped)
 #define SGS_EACH_TREE_SUM(X)                                                                       \
     X(build) X(refit) X(gather) X(gather_with_depth_bound) X(bytes) X(callbacks) X(cost) X(overlap)
 
@@ -40,6 +39,12 @@ void profile_report_add(profile_report *report, const sgs_profile *profile)
 #define X(name) mean->name += profile->name;
     SGS_EACH_SUM(X)
 #undef X
+    if (!isnan(profile->sampled_hits)) {
+        ++report->sampled_views;
+#define X(name) mean->name += profile->name;
+        SGS_EACH_SAMPLED(X)
+#undef X
+    }
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
 #define X(name) mean->trees[k].name += profile->trees[k].name;
         SGS_EACH_TREE_SUM(X)
@@ -61,6 +66,10 @@ void profile_report_finish(profile_report *report)
     const double share = report->views ? 1.0 / (double)report->views : 0;
 #define X(name) mean->name *= share;
     SGS_EACH_SUM(X)
+#undef X
+    const double sampled = report->sampled_views ? 1.0 / (double)report->sampled_views : NAN;
+#define X(name) mean->name *= sampled;
+    SGS_EACH_SAMPLED(X)
 #undef X
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
 #define X(name) mean->trees[k].name *= share;

@@ -14,7 +14,7 @@
 // Means over the profiled views. Its maps are NULL.
 typedef struct profile_report {
     sgs_profile mean;
-    size_t views;
+    size_t views, sampled_views; // sampled: with a ray in a sampled pixel
     int refits;
     double tile_slowest;       // seconds of the slowest tile over the mean tile
     sgs_bench_sample training; // iteration over the same views; 0 if not measured

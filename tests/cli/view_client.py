@@ -490,6 +490,7 @@ def control(url, folder):
     page = Page(url)
     hello = page.wait("hello")
     expect("a_training_is_announced", hello["training"] and hello["progress"]["total"] == 100000)
+    expect("the_extent_is_that_of_the_model", hello["extent"] != 1 and any(hello["target"]), hello["extent"])  # 1: of no primitive
     first = page.wait("progress", lambda message: message["iteration"] > 10)
     expect("progress_has_phases", first["phases"]["forward"] > 0 and first["rate"] > 0 and first["rss"] > 0, first)
     page.socket.send({"type": "run", "action": "pause"})

@@ -22,6 +22,7 @@
 #include "sparegs/trainer.h"
 #include "support/files_support.h"
 #include "support/ranks_support.h"
+#include "train/trainer_state.h"
 
 enum { ITERATIONS = 150, MOST_RANKS = 4 };
 
@@ -99,6 +100,7 @@ typedef struct result {
     double losses[ITERATIONS];
     size_t gaussians, updates;
     sgs_status status;
+    bool consistent; // after a failure
     char message[256];
 } result;
 
@@ -114,6 +116,7 @@ typedef struct training {
     size_t failing_allocation;
     size_t memory_limit; // 0 = none
     int limited;         // the rank with this limit, -1 = all
+    int odd;             // this rank plans other updates, -1 = none
     result out;
 } training;
 
@@ -129,6 +132,7 @@ static bool steps(training *t, sgs_trainer *trainer, int rank)
             sgsi_fail_allocation(0);
         if (t->out.status) {
             snprintf(t->out.message, sizeof t->out.message, "%s", sgs_last_error());
+            t->out.consistent = sgs_trainer_is_consistent(trainer);
             return false;
         }
         t->out.losses[i] = info.loss;
@@ -160,6 +164,8 @@ static void run_rank(void *context, sgs_ranks *ranks)
         abort();
     if (t->limited < 0 || t->limited == sgs_ranks_rank(ranks))
         sgs_trainer_memory_limit_set(trainer, t->memory_limit, 0);
+    if (ranks && t->odd == sgs_ranks_rank(ranks))
+        trainer->schedule.threshold_factor *= 0.5;
     if (steps(t, trainer, sgs_ranks_rank(ranks))) {
         t->out.status = sgs_trainer_hash(trainer, t->out.hash);
         t->out.gaussians = sgs_trainer_count(trainer);
@@ -194,6 +200,7 @@ static training plan_of(sgs_pipeline pipeline)
                      .last = ITERATIONS,
                      .failing = -1,
                      .limited = -1,
+                     .odd = -1,
                      .failing_at = -1};
     plan.options.iterations = ITERATIONS;
     plan.options.pipeline = pipeline;
@@ -409,6 +416,23 @@ static void one_rank_may_have_a_memory_limit(void **state)
     for (int r = 0; r < 3; ++r) {
         assert_int_equal(actual[r].status, SGS_STATUS_OUT_OF_MEMORY);
         assert_non_null(strstr(actual[r].message, "exceeds the memory limit"));
+        assert_true(actual[r].consistent);
+    }
+}
+
+// As with C libraries that differ: the ranks notice it before anything changes.
+static void other_plans_of_a_rank_stop_all(void **state)
+{
+    (void)state;
+    result actual[MOST_RANKS];
+    training plan = plan_of(SGS_PIPELINE_3DGS);
+    plan.odd = 1;
+    train(&plan, 3, actual);
+    for (int r = 0; r < 3; ++r) {
+        assert_int_equal(actual[r].status, SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(actual[r].message, "another structural update than rank 0"));
+        assert_true(actual[r].consistent);
+        assert_int_equal(actual[r].updates, 0);
     }
 }
 
@@ -425,6 +449,7 @@ int main(void)
         cmocka_unit_test(a_failure_stops_all_ranks),
         cmocka_unit_test(a_failed_update_is_not_refused),
         cmocka_unit_test(one_rank_may_have_a_memory_limit),
+        cmocka_unit_test(other_plans_of_a_rank_stop_all),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

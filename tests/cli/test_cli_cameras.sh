@@ -341,6 +341,13 @@ jq '.frames = []' "$temporary/transforms.json" >"$temporary/no_frames.json"
 run 1 render "$model" --camera "$temporary/no_frames.json" -o "$temporary/none"
 one_line
 
+# a_spiral_around_one_view_moves (its size is that of the points)
+mkdir "$temporary/one"
+cp "$model/input.ply" "$temporary/one/"
+jq '.ply_file_path = "input.ply"' "$temporary/transforms.json" >"$temporary/one/transforms.json"
+run 0 render "$(find "$model/point_cloud" -name point_cloud.ply)" "$temporary/one" --spiral 3 --size 60x33 --aov rgba -o "$temporary/one_spiral"
+json "$temporary/one_spiral/cameras.json" '[.[].position] | (.[0][0] - .[1][0] | fabs) + (.[0][1] - .[1][1] | fabs) > 0.1'
+
 # a_colmap_model_is_a_camera_file (of the bundled scene, without photographs)
 mkdir -p "$temporary/colmap/sparse"
 cp -r "$room/sparse/0" "$temporary/colmap/sparse/0"

@@ -1,13 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Makes viewer.png and viewer-pixel.png in tools/manual/images anew, with headless Chromium.
+"""Makes viewer.png, viewer-pixel.png and viewer-training.png in tools/manual/images anew, with headless Chromium.
 `python3 tools/scripts/viewer_images.py PROGRAM RUN SCENE`, after
 `sparegs train tests/data/room -o RUN --iterations 3000 --eval`. Pillow, if installed, reduces them to 256 colours."""
 
 import os
 import subprocess
 import sys
+import tempfile
 
 try:
     from PIL import Image
@@ -73,5 +74,25 @@ def pixel(page):
     show(page, "pixelBox")
 
 
+def training(page):
+    """A paused training with the cameras of its scene."""
+    require(page.wait("/Iteration [4-9][0-9][0-9] /.test(byId('runText').textContent)", 300), "iteration 400")
+    page.run("byId('pause').click()")
+    require(page.wait("/Paused/.test(byId('runText').textContent)", 60), "the pause")
+    page.run("byId('frusta').click()")
+    show(page, "runBox")
+    require(page.wait("document.querySelectorAll('#plots svg').length > 0", 60), "the plots")
+    require(page.wait(EXACT, 60), "the exact frame")
+
+
+def trained():
+    with tempfile.TemporaryDirectory() as folder:
+        process, page = opened("train", scene, "-o", os.path.join(folder, "run"), "--eval", "--iterations", "3000", "--view", "0",
+                               "--quiet")
+        training(page)
+        finish(process, page, "viewer-training.png")
+
+
+trained()
 stored("viewer.png", depth)
 stored("viewer-pixel.png", pixel)

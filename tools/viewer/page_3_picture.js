@@ -104,16 +104,26 @@ function drawFrustum(context, view, size) {
   context.stroke();
 }
 
+// In world units: 4 % of the mean distance of the cameras from their centre, so that frusta of neighbours stay apart.
+function frustumSize() {
+  const hello = viewer.hello, most = 0.04 * hello.extent;
+  const places = hello.views.map((view) => [3, 7, 11].map((k) => view.camera_to_world[k]));
+  const centre = places.reduce((sum, place) => add(sum, place, 1 / places.length), [0, 0, 0]);
+  const spread = places.reduce((sum, place) => sum + norm(add(place, centre, -1)) / places.length, 0);
+  return spread > 0 ? Math.min(most, 0.04 * spread) : most;
+}
+
 function drawOverlay() {
   const context = overlay.getContext('2d');
   context.clearRect(0, 0, overlay.width, overlay.height);
   drawDifference(context);
   if (byId('frusta').checked && viewer.hello) {
     context.lineWidth = Math.max(1, overlay.height / 600);
+    const size = frustumSize();
     viewer.hello.views.forEach((view, index) => {
       if (index === camera.view) return;
       context.strokeStyle = view.test ? '#ffb000' : '#4fc3f7';
-      drawFrustum(context, view, 0.04 * viewer.hello.extent);
+      drawFrustum(context, view, size);
     });
   }
   drawMore.forEach((call) => call(context));

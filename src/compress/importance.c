@@ -3,7 +3,6 @@
 
 #include "compress/importance.h"
 
-#include <math.h>
 #include <string.h>
 
 #include "model/opacity.h"
@@ -155,9 +154,4 @@ sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic)
     sgs_gaussians_destroy(model);
     sgs_gaussians_destroy(tuned);
     return status;
-}
-
-double sgsi_pruned_share(double keep)
-{
-    return nearbyint((1 - keep) * 1e15) / 1e15;
 }

@@ -26,7 +26,3 @@ void sgsi_rows_keep(sgsi_compress_job *job, const bool *keep);
 sgs_status sgsi_finetune_iterations(const sgsi_compress_job *job, int automatic, int *iterations);
 // Trains the rows for that number of iterations, as sgs_finetune.
 sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic);
-
-// 1 - keep, the share that sgs_prune_select removes. As a decimal fraction: in doubles, 1 - 0.8 is
-// below 0.2.
-double sgsi_pruned_share(double keep);

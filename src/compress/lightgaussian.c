@@ -26,6 +26,7 @@
 #include "compress/vq.h"
 #include "image/half.h"
 #include "sparegs/prune.h"
+#include "prune/scores.h"
 
 enum { BATCH = 80000, REPLACED = 10, FINETUNE = 5000 };
 static const double DECAY = 0.8, SMOOTHING = 1e-5;
@@ -319,7 +320,7 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status)
         status = sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, importance, job->count,
-                                  sgsi_pruned_share(job->options->keep), keep, &kept);
+                                  sgsi_other_share(job->options->keep), keep, &kept);
     if (!status && !kept)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "pruning removes all %zu primitives; keep a larger share", job->count);
@@ -356,11 +357,11 @@ static sgs_status encode(sgsi_compress_job *job)
         sgsi_warn("option finetune has no effect on LightGaussian unless keep is below 1");
     if (!status && (!importance || !exact || !rows))
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
-    if (!status)
-        status = sgsi_significance(job, importance);
     if (!status && job->options->keep < 1 && !job->options->scene)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "option keep requires a scene, which gives the importance");
+    if (!status)
+        status = sgsi_significance(job, importance);
     if (!status && job->options->keep < 1)
         status = prune(job, importance);
     if (!status && job->options->distill)

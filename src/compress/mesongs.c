@@ -25,6 +25,7 @@
 #include "compress/meson_codec.h"
 #include "compress/meson_finetune.h"
 #include "sparegs/prune.h"
+#include "prune/scores.h"
 
 enum { BATCH = 65536, FINETUNE = 8000, DEPTH = 20, BLOCKS = 57, CODES = 2048, DEPTH_MOST = 21 };
 static const double DECAY = 0.8, SMOOTHING = 1e-5;
@@ -45,7 +46,7 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
     size_t kept = 0;
     sgs_status status =
         keep ? sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, importance, job->count,
-                                sgsi_pruned_share(job->options->keep), keep, &kept)
+                                sgsi_other_share(job->options->keep), keep, &kept)
              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
     if (!status && kept) { // equal scores may remove all: keep all instead
         for (size_t i = 0, k = 0; i < job->count; ++i)

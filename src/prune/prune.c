@@ -162,12 +162,15 @@ static bool removes_up_to_threshold(sgs_prune_method method)
     return method == SGS_PRUNE_LIGHTGAUSSIAN || method == SGS_PRUNE_PUP;
 }
 
-// RAP's released code keeps int(count keep). Its argument is the decimal fraction 1 - ratio, whose
-// double the difference of doubles misses by an ulp: 1 - 0.9 is less than 0.1.
+double sgsi_other_share(double share)
+{
+    return nearbyint((1 - share) * 1e15) / 1e15;
+}
+
+// RAP's released code keeps int(count keep). Its argument is a decimal fraction.
 static size_t kept_by_rap(size_t count, double ratio)
 {
-    const double keep = nearbyint((1 - ratio) * 1e15) / 1e15;
-    return (size_t)((double)count * keep);
+    return (size_t)((double)count * sgsi_other_share(ratio));
 }
 
 sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_t count,

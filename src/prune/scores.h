@@ -25,3 +25,6 @@ sgs_status sgsi_rap_scores(const sgs_gaussians *model, const sgs_prune_options *
 // The cameras that REFINE's released code draws from `count` > `wanted`: Python's
 // random.Random(42).sample(range(count), wanted). chosen: [wanted]. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_refine_sample(size_t count, size_t wanted, size_t *chosen);
+
+// 1 - share as a decimal fraction: in doubles, 1 - 0.8 is below 0.2 and 1 - 0.9 below 0.1.
+double sgsi_other_share(double share);

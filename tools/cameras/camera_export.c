@@ -188,7 +188,7 @@ static void warn_off_centre(const camera_list *list)
     for (size_t i = 0; i < list->count; ++i) {
         const sgs_camera *camera = &list->cameras[i].camera;
         double fx, fy, cx, cy;
-        camera_paraxial(camera, &fx, &fy, &cx, &cy);
+        sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
         count += fabs(cx - 0.5 * camera->width) > 0.5 || fabs(cy - 0.5 * camera->height) > 0.5;
     }
     if (count)

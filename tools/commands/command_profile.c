@@ -295,8 +295,7 @@ static int run_profile(const command_line *line, const profile_values *values,
         status = model_read_filled(&located, drawing, &model) ? -1 : EXIT_FAILED;
     }
     if (status < 0) {
-        if (!option_given(line, "compact-box"))
-            drawing->compact_box = 1; // a profile counts hits of the whole support
+        drawing->compact_box = 1; // a profile counts hits of the whole support
         profiling *job = calloc(1, sizeof *job);
         if (job) {
             *job = (profiling){.values = values,

@@ -444,9 +444,8 @@ sgs_status sgsi_density_update(const sgsi_density_rows *rows, const sgsi_pipelin
                                  rows->peers ? &gathered : rows->statistics, result, &plan);
     sgsi_statistics_free(&gathered);
     if (!status && rows->peers && options->compare)
-        status = options->compare(options->compare_context, plan_digest(&plan, &columns));
-    result->refused =
-        !status && options->admits && !options->admits(options->admits_context, plan.count);
+        status = options->compare(options->context, plan_digest(&plan, &columns));
+    result->refused = !status && options->admits && !options->admits(options->context, plan.count);
     if (result->refused)
         status =
             sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,

@@ -46,11 +46,10 @@ typedef struct sgsi_density_options {
     // True if the memory suffices for this many primitives; called before any change. NULL =
     // always.
     bool (*admits)(const void *context, size_t count);
-    const void *admits_context;
     // With several processes: fails if their plans differ; called before any change.
     sgs_status (*compare)(const void *context, uint64_t digest);
-    const void *compare_context;
-    uint64_t seed; // of the split children, mixed with `iteration`
+    const void *context; // of both
+    uint64_t seed;       // of the split children, mixed with `iteration`
     long iteration;
     bool spare_densify, spare_prune;   // BMD, RAP
     const struct spare_options *spare; // for these two; NULL without them

@@ -206,32 +206,69 @@ void camera_path_up(const sgs_scene *scene, const camera_list *list, double up[3
     memcpy(up, found.x, sizeof found.x);
 }
 
+// Sums over the views for find_target.
+typedef struct axis_sums {
+    double m[3][3]; // projections off the axis
+    vec b;          // projected centres
+    vec axes;
+    double ahead; // products of centre and axis
+    size_t count;
+} axis_sums;
+
+static void add_axis(axis_sums *sums, const sgs_pose *pose)
+{
+    const vec c = center(pose), d = axis(pose, 2);
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+            const double entry = (i == j) - d.x[i] * d.x[j];
+            sums->m[i][j] += entry;
+            sums->b.x[i] += entry * c.x[j];
+        }
+    sums->axes = along(sums->axes, d, 1);
+    sums->ahead += dot(c, d);
+    ++sums->count;
+}
+
+// The point with the least squared distance to all optical axes. False if the axes are parallel or
+// it lies behind the views.
+static bool find_target(const axis_sums *sums, vec *target)
+{
+    const double share = 1 / (double)sums->count;
+    double m[3][3];
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            m[i][j] = share * sums->m[i][j];
+    return solve((const double(*)[3])m, along((vec){{0, 0, 0}}, sums->b, share), target) &&
+           dot(*target, sums->axes) > sums->ahead;
+}
+
+bool camera_path_target(const camera_list *list, double target[3])
+{
+    axis_sums sums = {0};
+    vec found;
+    for (size_t i = 0; i < list->count; ++i)
+        add_axis(&sums, &list->cameras[i].pose);
+    if (!sums.count || !find_target(&sums, &found))
+        return false;
+    memcpy(target, found.x, sizeof found.x);
+    return true;
+}
+
 static view_group group_views(const sgs_scene *scene)
 {
-    const held_sums sums = sum_held(scene);
-    view_group group = {.up = find_up(&sums)};
-    double m[3][3] = {{0}};
-    vec b = {{0, 0, 0}};
+    const held_sums held = sum_held(scene);
+    view_group group = {.up = find_up(&held)};
+    axis_sums axes = {0};
     const double share = 1 / (double)scene->view_count;
     for (size_t v = 0; v < scene->view_count; ++v) {
-        const sgs_pose *pose = &scene->views[v].pose;
-        const vec c = center(pose), d = axis(pose, 2);
-        group.middle = along(group.middle, c, share);
-        for (int i = 0; i < 3; ++i)
-            for (int j = 0; j < 3; ++j) {
-                const double entry = ((i == j) - d.x[i] * d.x[j]) * share;
-                m[i][j] += entry;
-                b.x[i] += entry * c.x[j];
-            }
+        group.middle = along(group.middle, center(&scene->views[v].pose), share);
+        add_axis(&axes, &scene->views[v].pose);
     }
-    group.converge = solve((const double(*)[3])m, b, &group.target);
-    double ahead = 0;
+    group.converge = find_target(&axes, &group.target);
     for (size_t v = 0; v < scene->view_count; ++v) {
-        const vec c = center(&scene->views[v].pose), offset = along(c, group.middle, -1);
+        const vec offset = along(center(&scene->views[v].pose), group.middle, -1);
         group.spread += share * sqrt(dot(offset, offset));
-        ahead += dot(along(group.target, c, -1), axis(&scene->views[v].pose, 2));
     }
-    group.converge = group.converge && ahead > 0;
     return group;
 }
 

@@ -27,3 +27,8 @@ bool camera_path_spiral(const sgs_scene *scene, const path_options *options, cam
 // which are turned by their Exif orientation. Of the scene if it is not NULL, else of the list,
 // whose images count as upright; -y without views.
 void camera_path_up(const sgs_scene *scene, const camera_list *list, double up[3]);
+
+// The point that the cameras look at: the one with the least squared distance to all optical axes.
+// Returns false, with the target unchanged, if the axes are parallel or the point is behind the
+// cameras.
+bool camera_path_target(const camera_list *list, double target[3]);

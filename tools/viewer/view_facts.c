@@ -67,41 +67,6 @@ static json_t *views_json(const view_source *source)
     return list;
 }
 
-// The point with the least distance to the optical axes of all views, in front of most of them.
-// Returns false if there is none.
-static bool point_of_interest(const camera_list *views, double point[3])
-{
-    double a[3][4] = {{0}};
-    for (size_t i = 0; i < views->count; ++i) {
-        double center[3];
-        const double *axis = views->cameras[i].pose.rotation + 6;
-        sgs_pose_center(&views->cameras[i].pose, center);
-        for (int r = 0; r < 3; ++r)
-            for (int c = 0; c < 3; ++c) {
-                const double m = (r == c) - axis[r] * axis[c];
-                a[r][c] += m;
-                a[r][3] += m * center[c];
-            }
-    }
-    for (int k = 0; k < 3; ++k) { // the matrix is positive semi-definite: no pivoting
-        if (!(a[k][k] > 1e-6 * (double)views->count))
-            return false;
-        for (int r = 0; r < 3; ++r)
-            for (int c = 3; c >= k && r != k; --c)
-                a[r][c] -= a[r][k] / a[k][k] * a[k][c];
-    }
-    size_t front = 0;
-    for (int k = 0; k < 3; ++k)
-        point[k] = a[k][3] / a[k][k];
-    for (size_t i = 0; i < views->count; ++i) {
-        const sgs_pose *pose = &views->cameras[i].pose;
-        front += pose->rotation[6] * point[0] + pose->rotation[7] * point[1] +
-                     pose->rotation[8] * point[2] + pose->translation[2] >
-                 0;
-    }
-    return 2 * front > views->count;
-}
-
 // ---- Model and run ----
 
 // 64 colours of the ramp of scalar quantities, from low to high.
@@ -150,7 +115,7 @@ json_t *view_facts(view_source *source, bool training)
     json_object_set_new(root, "iteration", json_integer(atomic_load(&source->iteration)));
     camera_path_up(source->scene, &source->views, up);
     if (source->views.count > 2)
-        point_of_interest(&source->views, center);
+        camera_path_target(&source->views, center);
     json_t *name = json_string(source->name);
     json_object_set_new(root, "type", json_string("hello"));
     json_object_set_new(root, "version", json_string(sgs_version()));

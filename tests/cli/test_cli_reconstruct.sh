@@ -68,6 +68,12 @@ json "$temporary/stdout" '.registered == 35 and .photographs == 35 and .models =
 with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential
 calls sequential_matcher
 calls feature_extractor
+reports "the photographs or the options have changed, so that all stages start again; the earlier features and matches are in $scene/colmap/database.previous.db"
+check the_earlier_database_is_kept test -s "$scene/colmap/database.previous.db"
+: >"$CALLS"
+with_standin run 0 reconstruct "$photos" -o "$temporary/effective" --quiet
+with_standin run 0 reconstruct "$photos" -o "$temporary/effective" --matcher exhaustive --quiet
+check the_effective_matcher_counts test "$(grep -cx exhaustive_matcher "$CALLS")" = 1
 
 # options_have_the_names_of_the_installed_version
 : >"$CALLS"
@@ -91,6 +97,10 @@ echo mine >"$temporary/own/sparse/0/cameras.txt"
 foreign "own/sparse/0/cameras.txt: was not written by reconstruct" "$temporary/own"
 check the_scene_is_as_before test "$(cd "$temporary/own" && find . -type f)" = ./sparse/0/cameras.txt
 echo mine >"$temporary/file/images"
+mkdir -p "$temporary/studio/colmap"
+echo mine >"$temporary/studio/colmap/database.db"
+foreign "studio/colmap/database.db: was not written by reconstruct" "$temporary/studio"
+check the_database_is_kept grep -qx mine "$temporary/studio/colmap/database.db"
 foreign "file/images: is not a link to photographs" "$temporary/file"
 check the_file_is_kept grep -qx mine "$temporary/file/images"
 echo >>"$scene/sparse/0/images.bin"
@@ -155,7 +165,7 @@ cp "$state" "$temporary/state"
 damaged() { # MESSAGE
     with_standin run 1 reconstruct "$photos" -o "$temporary/second" --quiet
     one_line
-    reports "second/colmap/state.json: $1; repair it, or delete it to start again"
+    reports "second/colmap/state.json: $1; repair it, or move its folder away to start again"
     check the_database_is_kept test -s "$temporary/second/colmap/database.db"
 }
 head -n 3 "$temporary/state" >"$state"

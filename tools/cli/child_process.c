@@ -114,7 +114,7 @@ static bool listen(child_process *child, int output, FILE *log)
     line[length] = 0;
     if (length)
         take_line(child, line);
-    return true;
+    return !interrupt_signal(); // Ctrl-C in a terminal ends the program as well
 }
 
 int child_run(child_process *child)

@@ -348,12 +348,16 @@ static int find_features(reconstruction *run, const char *threads)
                                                   : EXIT_FAILED;
 }
 
+static bool is_exhaustive(const reconstruction *run)
+{
+    const int matcher = run->values->matcher;
+    return matcher == MATCHER_AUTO ? run->count <= EXHAUSTIVE_MOST : matcher == MATCHER_EXHAUSTIVE;
+}
+
 static int find_matches(reconstruction *run, const char *threads)
 {
     const reconstruct_values *v = run->values;
-    const bool exhaustive = v->matcher == MATCHER_AUTO ? run->count <= EXHAUSTIVE_MOST
-                                                       : v->matcher == MATCHER_EXHAUSTIVE;
-    const char *const command = exhaustive ? "exhaustive_matcher" : "sequential_matcher";
+    const char *const command = is_exhaustive(run) ? "exhaustive_matcher" : "sequential_matcher";
     const bool renamed = has_option(run, command, "--FeatureMatching.use_gpu");
     const char *const arguments[] = {
         v->colmap,
@@ -514,7 +518,7 @@ static int report(reconstruction *run, bool json)
 // of features and matches would be discarded.
 static bool read_state(reconstruction *run)
 {
-    static const char advice[] = "repair it, or delete it to start again";
+    static const char advice[] = "repair it, or move its folder away to start again";
     if (!file_exists(run->state_path))
         return true;
     json_error_t error;
@@ -532,8 +536,37 @@ static bool read_state(reconstruction *run)
     return false;
 }
 
-// Keeps the completed stages of an earlier run with the same photographs and options, and discards
-// those of any other run.
+// Without a state, the files in SCENE/colmap are those of another program.
+static bool check_work(const reconstruction *run)
+{
+    const char *const paths[] = {run->database, run->models};
+    for (int k = 0; k < 2 && !run->state; ++k)
+        if (file_exists(paths[k])) {
+            fail_run("%s: was not written by reconstruct; move it away, or choose another folder "
+                     "with -o",
+                     paths[k]);
+            return false;
+        }
+    return true;
+}
+
+// Features and matches can be hours of work: those of other photographs or options are kept.
+static bool keep_database(const reconstruction *run)
+{
+    char *kept = format_text("%s/database.previous.db", run->work);
+    const bool exists = file_exists(run->database);
+    const bool moved = !exists || !rename(run->database, kept);
+    if (!moved)
+        fail_run("%s: cannot rename to %s: %s", run->database, kept, strerror(errno));
+    else if (exists)
+        print_note("%s: the photographs or the options have changed, so that all stages start "
+                   "again; the earlier features and matches are in %s",
+                   run->values->output, kept);
+    free(kept);
+    return moved;
+}
+
+// Keeps the completed stages of an earlier run with the same photographs and options.
 static bool open_state(reconstruction *run, json_t *made_from)
 {
     if (run->state && json_equal(json_object_get(run->state, "made_from"), made_from)) {
@@ -541,14 +574,10 @@ static bool open_state(reconstruction *run, json_t *made_from)
             print_note("%s: continuing an earlier reconstruction", run->values->output);
         return true;
     }
+    if (!keep_database(run))
+        return false;
     json_t *kept = json_incref(json_object_get(run->state, "kept"));
     json_decref(run->state);
-    run->state = NULL;
-    if (unlink(run->database) && errno != ENOENT) {
-        fail_run("%s: cannot remove: %s", run->database, strerror(errno));
-        json_decref(kept);
-        return false;
-    }
     run->state = json_object();
     if (kept)
         json_object_set_new(run->state, "kept", kept);
@@ -621,13 +650,13 @@ static int reconstruct(reconstruction *run, bool json)
     } else if (find_photos(run, made_from)) {
         append_name(made_from, run->photos_path);
         json_array_append_new(made_from, json_string(v->camera_model));
-        json_array_append_new(made_from, json_integer(v->matcher));
+        json_array_append_new(made_from, json_boolean(is_exhaustive(run)));
         json_array_append_new(made_from, json_integer(v->cameras));
         if (run->count < 2)
             fail_run(
                 "%s: contains %zu photograph(s); at least 2 are required, 20 or more recommended",
                 run->photos, run->count);
-        else if (read_state(run) &&
+        else if (read_state(run) && check_work(run) &&
                  reconstructed_scene_check(v->output, run->photos_path,
                                            json_object_get(run->state, "kept")) &&
                  make_folder(run->work) && check_writable(run->work) && open_state(run, made_from))

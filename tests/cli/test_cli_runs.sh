@@ -202,7 +202,34 @@ touch "$out/cameras.json"
 run 0 train "${data[@]}" -o "$out" --iterations 3
 check a_complete_move_stays test "$(files "$out/previous")" = "$(grep -v notes.txt <<<"$before")"
 
+# an_impossible_trace_leaves_the_run
+before=$(files "$out")
+run 1 train "${data[@]}" -o "$out" --iterations 3 --overwrite --trace "$out/notes.txt/trace.json"
+one_line
+check the_run_stays test "$(files "$out")" = "$before"
+
+# a_run_without_results_does_not_replace_the_previous_one
+kept=$(files "$out/previous")
+rm -r "$out/point_cloud" "$out/checkpoint" "$out/summary.json"
+run 0 train "${data[@]}" -o "$out" --iterations 3 --overwrite
+check the_previous_run_stays test "$(files "$out/previous")" = "$kept"
+check no_leftover_is_there test -z "$(find "$out" -maxdepth 1 -name '*previous.*')"
+
+# models_of_other_programs_are_not_replaced
+mkdir -p "$temporary/foreign/point_cloud/iteration_30000"
+touch "$temporary/foreign/point_cloud/iteration_30000/point_cloud.ply"
+for option in --quiet --overwrite; do
+    run 1 train "${data[@]}" -o "$temporary/foreign" --iterations 3 $option
+    one_line
+    reports "foreign: contains point_cloud, but no config.json: the output of another program"
+done
+check only_the_model_is_there test "$(cd "$temporary/foreign" && find . -type f)" = "./point_cloud/iteration_30000/point_cloud.ply"
+
 # other_folders_are_not_removed
+mkdir "$out/previous.old"
+touch "$out/previous.old/mine"
+run 0 train "${data[@]}" -o "$out" --iterations 3 --overwrite
+check it_stays test -e "$out/previous.old/mine"
 mv "$out/previous" "$temporary/"
 mkdir "$out/previous"
 touch "$out/previous/mine"

@@ -250,20 +250,27 @@ static int open_scene(merging *m, const command_line *line)
     return -1;
 }
 
-static int merge(merging *m, const command_line *line)
+// Reads all inputs. Returns -1 to continue, or an exit status.
+static int read_inputs(merging *m, const command_line *line)
 {
-    const char *out = m->values->output;
-    if (!merged_blocks_check(&m->blocks, line->operands[0]))
-        return EXIT_FAILED;
     const int status = open_scene(m, line);
     if (status >= 0)
         return status;
-    if (!read_reference(m) || !merged_blocks_read(&m->blocks) || interrupt_signal())
-        return interrupt_signal() ? interrupt_status() : EXIT_FAILED;
-    if (!run_folder_prepare(&m->folder, out))
+    const bool read = read_reference(m) && merged_blocks_read(&m->blocks);
+    return interrupt_signal() ? interrupt_status() : read ? -1 : EXIT_FAILED;
+}
+
+static int merge(merging *m, const command_line *line)
+{
+    if (!merged_blocks_check(&m->blocks, line->operands[0]) ||
+        !run_folder_prepare(&m->folder, m->values->output) ||
+        !run_folder_admits(&m->folder, m->values->overwrite, "replace it with --overwrite"))
         return EXIT_FAILED;
-    if (run_folder_is_used(&m->folder) && !m->values->overwrite)
-        return fail_run("%s: already contains a run; replace it with --overwrite", out);
+    const int status = read_inputs(m, line);
+    if (status >= 0) {
+        run_folder_leave(&m->folder);
+        return status;
+    }
     run_folder_clean(&m->folder);
     if (!write_run(m) || !compare_seams(m) || !report(m))
         return EXIT_FAILED;

@@ -470,7 +470,8 @@ static int prepare(training *run)
     const bool claimed =
         group_same_options(run->line, "resume|checkpoint-every|save-at|view") &&
         (!group_leads() ||
-         (!has_no_time(run) && training_view_is_possible(run->values.view) && claim_folder(run)));
+         (!has_no_time(run) && training_view_is_possible(run->values.view) &&
+          (!run->values.trace || check_output(run->values.trace)) && claim_folder(run)));
     if (!group_all(claimed) || !share_config(run))
         return EXIT_FAILED;
     bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&

@@ -91,14 +91,35 @@ static bool summary_has_results(const char *path)
     return has;
 }
 
-bool run_folder_has_results(const run_folder *folder)
+static bool has_results(const char *folder)
 {
-    char *clouds = format_text("%s/point_cloud", folder->path);
-    char *summary = format_text("%s/summary.json", folder->path);
+    char *clouds = format_text("%s/point_cloud", folder);
+    char *summary = format_text("%s/summary.json", folder);
     const bool has = file_exists(clouds) || (file_exists(summary) && summary_has_results(summary));
     free(clouds);
     free(summary);
     return has;
+}
+
+bool run_folder_has_results(const run_folder *folder)
+{
+    return has_results(folder->path);
+}
+
+bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice)
+{
+    char *clouds = format_text("%s/point_cloud", folder->path);
+    const bool used = run_folder_is_used(folder), foreign = !used && file_exists(clouds);
+    free(clouds);
+    if (foreign)
+        fail_run("%s: contains point_cloud, but no config.json: the output of another program; "
+                 "move it away, or choose another folder",
+                 folder->path);
+    else if (used && !overwrite)
+        fail_run("%s: already contains a run; %s", folder->path, advice);
+    if (foreign)
+        run_folder_leave(folder);
+    return !foreign && (!used || overwrite);
 }
 
 // ---- An earlier run ----
@@ -183,10 +204,17 @@ void run_folder_restore(const run_folder *folder)
 bool run_folder_keep_previous(const run_folder *folder)
 {
     char *next = previous_path(folder, ".next"), *previous = previous_path(folder, "");
-    char *old = previous_path(folder, ".old");
+    char *old = format_text("%s/.previous.old", folder->path);
+    char *state = format_text("%s/checkpoint/state.bin", next);
     remove_tree(old);
-    const bool kept = (!rename(previous, old) || errno == ENOENT) && !rename(next, previous);
-    if (kept) {
+    const bool stays = file_exists(previous) && !has_results(next) && !file_exists(state);
+    const bool kept =
+        stays || ((!rename(previous, old) || errno == ENOENT) && !rename(next, previous));
+    free(state);
+    if (stays) {
+        remove_tree(next);
+        print_note("%s: the replaced run had no results; %s stays", folder->path, previous);
+    } else if (kept) {
         remove_tree(old);
         print_note("%s: the earlier run is now in %s", folder->path, previous);
     } else {

@@ -33,9 +33,14 @@ void run_folder_leave(const run_folder *folder);
 // True if the folder contains the config.json of an earlier run.
 bool run_folder_is_used(const run_folder *folder);
 
+// False after printing the error if a new run would replace models of another program, or an
+// earlier run without `overwrite`; then the message ends with the advice.
+bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice);
+
 // Makes room for a new run, in two steps. set_aside moves all files of the earlier run to
-// OUT/previous.next; keep_previous renames that to OUT/previous and removes an older one. restore
-// undoes set_aside. run_folder_prepare completes or undoes a move that a killed process left.
+// OUT/previous.next; keep_previous renames that to OUT/previous and removes an older one. A run
+// without results or checkpoint does not replace an older one. restore undoes set_aside.
+// run_folder_prepare completes or undoes a move that a killed process left.
 bool run_folder_set_aside(const run_folder *folder);
 bool run_folder_keep_previous(const run_folder *folder);
 void run_folder_restore(const run_folder *folder);

@@ -160,11 +160,9 @@ bool run_record_claim(run_folder *folder, const char *out, bool resume, bool ove
             fail_run("%s; the run cannot be resumed, replace it with --overwrite", fault);
             free(fault);
         }
-    } else if (claimed && run_folder_is_used(folder) && !overwrite) {
-        claimed = false;
-        fail_run("%s: already contains a run; continue it with --resume, or replace it with "
-                 "--overwrite",
-                 out);
+    } else if (claimed) {
+        claimed = run_folder_admits(folder, overwrite,
+                                    "continue it with --resume, or replace it with --overwrite");
     }
     if (claimed)
         run_folder_clean(folder);

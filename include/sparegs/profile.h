@@ -65,10 +65,12 @@ typedef struct sgs_profile {
     double noise;
     // For the view, with the refitted tree.
     double callbacks, candidates, block_tests, evaluations;
-    double block_hits;     // (block, primitive) pairs with a counted hit
-    double tile_hits;      // (tile, primitive) pairs with a counted hit
-    double macrotile_hits; // (macrotile, primitive) pairs with a counted hit
-    double hits;           // counted hits of all rays
+    // (block, primitive), (tile, primitive) and (macrotile, primitive) pairs with a hit that counts
+    // or ends a ray
+    double block_hits;
+    double tile_hits;
+    double macrotile_hits;
+    double hits; // counted hits of all rays
     // Means over the sampled rays, by brute force: hits until termination, hits without
     // termination, fraction of terminated rays. NaN without samples.
     double sampled_hits, sampled_hits_unstopped, sampled_stopped;

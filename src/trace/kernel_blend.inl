@@ -374,8 +374,9 @@ typedef struct blended {
     vf color[3], transmittance, stop;
 } blended;
 
-// If not NULL, `counted` receives the number of block hits that count in some lane, and `order` is
-// compacted to them. Not inline, to keep the sums in registers.
+// If not NULL, `counted` receives the number of block hits that count or end the ray in some lane,
+// and `order` is compacted to them. Without the hits that end rays, the backward pass would count
+// hits behind them. Not inline, to keep the sums in registers.
 static __attribute__((noinline)) blended
 blend_block(const sgsi_scratch *s, uint32_t *restrict order, uint32_t count, uint32_t *counted)
 {
@@ -399,7 +400,7 @@ blend_block(const sgsi_scratch *s, uint32_t *restrict order, uint32_t count, uin
         out.stop = vf_min_where(vm_andnot(hit, counts), out.stop, t);
         if (counted) {
             order[kept] = index;
-            kept += vm_any(vm_and(hit, counts));
+            kept += vm_any(vm_and(hit, vf_ge(front, vf_set1(TRANSMITTANCE_MIN))));
         }
     }
     if (counted)

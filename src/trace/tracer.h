@@ -21,7 +21,8 @@ typedef struct sgsi_trace_counts {
     uint64_t gathered;    // candidates of all macrotiles: may hit one of their tiles
     uint64_t candidates;  // candidates of all tiles
     uint64_t evaluations; // (block, primitive) pairs evaluated by the forward pass
-    // Block hits: (block, primitive) pairs with a counted hit. With depths or AOVs: with any hit.
+    // Block hits: (block, primitive) pairs with a hit that counts or ends a ray. With depths or
+    // AOVs: with any hit.
     uint64_t block_hits;
     uint64_t fallback_gathers; // macrotiles gathered again because a depth bound was too near
 } sgsi_trace_counts;

@@ -88,7 +88,8 @@ typedef struct sgs_scene_options {
     // by a run. Names without a view are ignored. NULL = no list; an empty list holds out nothing.
     const char *const *held_out;
     size_t held_out_count;
-    // Hold out the test views that the data set names, even if test_every is 0.
+    // Hold out the test views that the data set names, even if test_every is 0. With both, there is
+    // no warning that such views replace those of test_every.
     bool own_split;
     // Exact names of the views to keep; names without a view are ignored. The other views are
     // included in split, white point, center, extent and digest, and then dropped without being

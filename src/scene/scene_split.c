@@ -181,7 +181,7 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
     else if (options->test_images)
         status = split_by_names(scene, options->test_images);
     else if (has_split && (every || options->own_split)) {
-        if (every && every != 8) // the default of --eval: no explicit number was given
+        if (every && !options->own_split)
             sgsi_warn("%s: using the scene's own test views; test_every %d is ignored", scene->path,
                       every);
     } else {

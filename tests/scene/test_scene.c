@@ -505,7 +505,6 @@ static void nerf_synthetic_scenes_have_a_white_background(void **state)
     assert_split(folder.path, &options, "0000"); // nothing is held out by default
     options.own_split = true;
     assert_split(folder.path, &options, "1100");
-    options.own_split = false;
     options.test_every = 8;
     for (int images = 0; images < 2; ++images) {
         options.load_images = images != 0;
@@ -526,6 +525,9 @@ static void nerf_synthetic_scenes_have_a_white_background(void **state)
         sgs_scene_destroy(scene);
     }
     assert_string_equal(warnings, "");
+    options.own_split = false; // test_every is a number of the caller, 8 too
+    assert_split(folder.path, &options, "1100");
+    assert_holds(warnings, "test_every 8 is ignored");
     options.test_every = 2;
     assert_split(folder.path, &options, "1100");
     assert_holds(warnings, "using the scene's own test views; test_every 2 is ignored");

@@ -195,6 +195,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
         return refuse_idle(line, "invert-masks", "with --masks none");
     if (values->eval)
         values->test_every = 8;
+    values->own_split = values->eval;
     if (!splits) {
         values->test_every = (int)json_integer_value(config_option(config, "test_every"));
         values->test_images = json_string_value(config_option(config, "test_images"));

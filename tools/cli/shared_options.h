@@ -32,7 +32,7 @@ typedef struct scene_values {
     // unless the command line defines a split.
     const json_t *held_out;
     const json_t *kept; // names of the views to load, borrowed; NULL = all
-    bool own_split;     // without a run and an option: the test views of the data set
+    bool own_split;     // --eval, or no run and no option: the test views of the data set
     bool measure_white; // also if scene_open does not load the images
 } scene_values;
 

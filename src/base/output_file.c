@@ -4,6 +4,7 @@
 #include "sparegs/output_file.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,6 +19,25 @@ static char *temporary_name(const char *path)
     static atomic_uint writes;
     const unsigned number = atomic_fetch_add_explicit(&writes, 1, memory_order_relaxed);
     return sgsi_format("%s.tmp.%ld%06u", path, (long)getpid(), number % 1000000);
+}
+
+// Creates a new file: another machine that shares the folder may have a process of the same number.
+// Sets errno if the file cannot be created. False if out of memory.
+static bool create_temporary(sgs_output_file *file)
+{
+    enum { TRIALS = 100 };
+    int descriptor = -1;
+    for (int k = 0; k < TRIALS && descriptor < 0 && (!k || errno == EEXIST); ++k) {
+        sgsi_free(file->temporary);
+        file->temporary = temporary_name(file->target);
+        if (!file->temporary)
+            return false;
+        descriptor = open(file->temporary, O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
+    }
+    file->stream = descriptor >= 0 ? fdopen(descriptor, "wb") : NULL;
+    if (descriptor >= 0 && !file->stream)
+        close(descriptor);
+    return true;
 }
 
 // The file that an output to `path` replaces: where `path` is a symbolic link, the file it points
@@ -48,12 +68,10 @@ sgs_status sgs_output_file_open(sgs_output_file *file, const char *path)
     if (status)
         return status;
     file->path = sgsi_strdup(path);
-    file->temporary = file->target ? temporary_name(file->target) : NULL;
-    if (!file->path || !file->temporary) {
+    if (!file->path || !file->target || !create_temporary(file)) {
         sgs_output_file_abort(file);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
     }
-    file->stream = fopen(file->temporary, "wb");
     if (!file->stream) {
         const int code = errno;
         sgs_output_file_abort(file);

@@ -224,8 +224,8 @@ static void set_ranges(const sgsi_compress_job *job, const uint32_t *cells, sog_
         sog_range *range = &header->ranges[a];
         *range = (sog_range){attributes[a].low, attributes[a].high, (uint32_t)bits[a]};
         // The published ranges are those of colours from 0 to 1. Linear light has highlights.
-        const bool bright =
-            (a == DC || a == REST) && o->colors.named && o->colors.space == SGS_SPACE_LINEAR;
+        const bool bright = channels_of(a, job->sh_degree) && (a == DC || a == REST) &&
+                            o->colors.named && o->colors.space == SGS_SPACE_LINEAR;
         if (range->low != range->high && !bright)
             continue;
         range->low = INFINITY;

@@ -360,6 +360,7 @@ sgs_status sgsi_compressed_ply_write(const char *path, const sgs_gaussians *mode
     const int rest = 3 * sgsi_rest_coefficients(model->sh_degree);
     const size_t words_at = 4 * BOUND_COUNT * chunks, sh_at = words_at + 4 * WORD_COUNT * count,
                  size = sh_at + (size_t)rest * count;
+    sgsi_warn_clipped_harmonics(path, ".compressed.ply", model, 4.0);
     uint32_t *order = NULL;
     sgs_status status = sgsi_order_by_position(model, &order);
     uint8_t *bytes = status ? NULL : sgsi_alloc(size + 1, 1);

@@ -270,3 +270,22 @@ void sgsi_warn_clipped_colors(const char *path, const char *format, const sgs_ga
                   "clipped; write a .ply, .glb or .usda",
                   path, format, most, clipped, model->count);
 }
+
+void sgsi_warn_clipped_harmonics(const char *path, const char *format, const sgs_gaussians *model,
+                                 double most)
+{
+    const int rest = 3 * sgsi_rest_coefficients(model->sh_degree);
+    size_t clipped = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        bool outside = false;
+        for (int k = 0; k < rest; ++k)
+            outside =
+                outside || fabs((double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_REST + k)) > most;
+        clipped += outside;
+    }
+    if (clipped > model->count / 100)
+        sgsi_warn(
+            "%s: %s holds SH coefficients up to %.3g; %zu of %zu primitives have larger ones, "
+            "which are clipped; write a .ply, .glb or .usda",
+            path, format, most, clipped, model->count);
+}

@@ -76,6 +76,12 @@ static inline double sgsi_color_from_dc(double coefficient)
 void sgsi_warn_clipped_colors(const char *path, const char *format, const sgs_gaussians *model,
                               double most);
 
+// Warns if an SH coefficient of degree 1 to 3 of more than one percent of the primitives lies
+// outside
+// [-most, most], which `format` holds.
+void sgsi_warn_clipped_harmonics(const char *path, const char *format, const sgs_gaussians *model,
+                                 double most);
+
 // A row with activated opacity and unit quaternion.
 typedef struct sgsi_splat {
     float mean[3], log_scale[3], dc[3];

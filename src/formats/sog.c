@@ -97,12 +97,26 @@ static bool read_tables_1(sgsi_sog *sog, const json_t *scales, const json_t *sh0
     return true;
 }
 
+// Early writers of version 2 stored null as the first entry. It continues the mean step of the
+// others, as in PlayCanvas's engine.
+static bool read_codebook(const json_t *attribute, double table[SGSI_SOG_CODES])
+{
+    enum { LAST = SGSI_SOG_CODES - 1 };
+    const json_t *list = json_object_get(attribute, "codebook");
+    if (!json_is_null(json_array_get(list, 0)))
+        return read_numbers(list, SGSI_SOG_CODES, table);
+    json_t *copy = json_copy((json_t *)list);
+    bool read = !json_array_remove(copy, 0) && read_numbers(copy, LAST, table + 1);
+    json_decref(copy);
+    table[0] = read ? table[1] + (table[1] - table[LAST]) / LAST : 0;
+    return read && isfinite(table[0]);
+}
+
 static bool read_tables_2(sgsi_sog *sog, const json_t *scales, const json_t *sh0,
                           const json_t *rest)
 {
-    if (!read_numbers(json_object_get(scales, "codebook"), SGSI_SOG_CODES, sog->scales[0]) ||
-        !read_numbers(json_object_get(sh0, "codebook"), SGSI_SOG_CODES, sog->colors[0]) ||
-        (rest && !read_numbers(json_object_get(rest, "codebook"), SGSI_SOG_CODES, sog->rest)))
+    if (!read_codebook(scales, sog->scales[0]) || !read_codebook(sh0, sog->colors[0]) ||
+        (rest && !read_codebook(rest, sog->rest)))
         return false;
     for (int k = 1; k < 3; ++k) {
         memcpy(sog->scales[k], sog->scales[0], sizeof sog->scales[0]);

@@ -567,6 +567,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
     warn_about_positions(path, model, file.fractional_bits);
     warn_about_scales(path, model);
     sgsi_warn_clipped_colors(path, "SPZ", model, sgsi_color_from_dc(DC_MOST));
+    sgsi_warn_clipped_harmonics(path, "SPZ", model, 1.0);
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k)
         total += row_bytes(&file, k) * model->count;

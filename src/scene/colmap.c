@@ -261,7 +261,9 @@ static sgs_status read_camera_binary(loader *l, bytes *b)
     if (!p)
         return truncated(l, b, "a camera");
     const int model = (int)(int32_t)(uint32_t)decode(p + 4, 4);
-    const int param_count = sgs_camera_param_count((sgs_camera_model)model);
+    const int param_count = model >= 0 && model < SGS_CAMERA_MODEL_COUNT
+                                ? sgs_camera_param_count((sgs_camera_model)model)
+                                : 0;
     if (param_count == 0)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: byte %llu: unknown camera model %d; COLMAP's models 0 to %d are "

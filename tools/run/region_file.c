@@ -38,19 +38,24 @@ static bool is_header(const record_header *header)
            header->grid <= 256 && header->iteration > 0 && header->iteration <= INT_MAX;
 }
 
-// Reads the next header. False at the end of the file or if it is invalid.
-static bool read_header(FILE *stream, long size, record_header *header)
-{
-    if (fread(header, sizeof *header, 1, stream) != 1 || !is_header(header))
-        return false;
-    const long left = size - ftell(stream);
-    return left >= 0 && header->count <= (unsigned long)left / sizeof(sgs_region);
-}
-
 static long size_of(FILE *stream)
 {
     struct stat info;
     return fstat(fileno(stream), &info) ? 0 : (long)info.st_size;
+}
+
+// Reads the next header. False at the end of the file or if it is invalid.
+static bool read_header(FILE *stream, record_header *header)
+{
+    *header = (record_header){0};
+    return fread(header, sizeof *header, 1, stream) == 1 && is_header(header);
+}
+
+// True if the regions after the header exceed the file.
+static bool exceeds(FILE *stream, const record_header *header)
+{
+    const long left = size_of(stream) - ftell(stream);
+    return left < 0 || header->count > (unsigned long)left / sizeof(sgs_region);
 }
 
 static long fail_damaged(const char *path, long offset)
@@ -72,6 +77,18 @@ static bool record_follows(FILE *stream, long offset, long size, uint32_t iterat
             is_header(&header) && header.iteration >= iteration)
             return true;
     return false;
+}
+
+// True if the record is the last one, and a process that was killed while it appended wrote only a
+// part of it. The position is the end of the header, and remains there.
+static bool is_cut(FILE *stream, const record_header *header)
+{
+    const long at = ftell(stream);
+    if (!exceeds(stream, header))
+        return false;
+    const bool cut =
+        !record_follows(stream, at - (long)sizeof *header, size_of(stream), header->iteration);
+    return !fseek(stream, at, SEEK_SET) && cut;
 }
 
 // The end of the records up to `iteration`, or -1 after printing the error. A process that was
@@ -143,6 +160,8 @@ bool region_file_append(const char *folder, const sgs_regions *regions)
     memcpy(header.low, regions->low, sizeof header.low);
     memcpy(header.cell, regions->cell, sizeof header.cell);
     FILE *stream = fopen(path, "ab");
+    const bool opened = stream != NULL;
+    const long before = opened ? size_of(stream) : 0;
     bool written = stream && fwrite(&header, sizeof header, 1, stream) == 1 &&
                    fwrite(regions->regions, sizeof *regions->regions, regions->count, stream) ==
                        regions->count;
@@ -151,6 +170,8 @@ bool region_file_append(const char *folder, const sgs_regions *regions)
     if (!written)
         print_warning("%s: an update was not recorded: %s", path,
                       errno ? strerror(errno) : "disk full?");
+    if (!written && opened && truncate(path, before)) // a part of it would hide later updates
+        print_warning("%s: cannot be truncated to %ld bytes: %s", path, before, strerror(errno));
     free(path);
     return written;
 }
@@ -162,7 +183,7 @@ bool region_history_read(const char *folder, region_history *history)
     FILE *stream;
     bool complete = open_records(path, &stream);
     record_header header;
-    while (stream && read_header(stream, size_of(stream), &header)) {
+    while (stream && read_header(stream, &header) && !exceeds(stream, &header)) {
         sgs_regions *longer = realloc(history->updates, (history->count + 1) * sizeof *longer);
         sgs_region *list = malloc((header.count ? header.count : 1) * sizeof *list);
         history->updates = longer ? longer : history->updates;
@@ -180,7 +201,8 @@ bool region_history_read(const char *folder, region_history *history)
         memcpy(update->low, header.low, sizeof header.low);
         memcpy(update->cell, header.cell, sizeof header.cell);
     }
-    if (stream && complete && ftell(stream) < size_of(stream) && !feof(stream)) {
+    if (stream && complete && ftell(stream) < size_of(stream) && !feof(stream) &&
+        !(is_header(&header) && is_cut(stream, &header))) {
         fail_run("%s: byte %ld: invalid region record; train again", path, ftell(stream));
         complete = false;
     }

@@ -141,12 +141,18 @@ typedef struct sgs_exr_info {
     sgs_exr_compression compression;
     // Frames per second of the sequence, from 0.001 to 1e6: attribute framesPerSecond, with the
     // rates of NTSC as n 1000/1001. 0 = none.
+    // See sgs_frame_rate.
     double frame_rate;
     // Pixels of the planes outside the display window, on each of its sides; 0 = none. The display
     // window begins at (0, 0), the data window at (-overscan, -overscan). `intrinsics` and
     // world_to_ndc refer to the display window.
     int overscan;
 } sgs_exr_info;
+
+// A frame rate as the rational number numerator / denominator, both > 0. Rates such as 23.976 and
+// 29.97 stand for 1000/1001 of the next integer (SMPTE ST 12-1), as for OpenEXR's guessExactFps;
+// others are kept to a thousandth. False if the rate is outside [0.001, 1e6].
+SGS_API bool sgs_frame_rate(double rate, int *numerator, int *denominator);
 
 // Writes a scan-line EXR with Rec. 709 chromaticities and the attributes above. Matrices are stored
 // in EXR's row-vector convention (transposed). Fails with INVALID_ARGUMENT (size, overscan,

@@ -139,18 +139,29 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
     return result ? result : exr_set_screen_window_width(context, 0, (float)(width / k[0]));
 }
 
-// A rational number. Rates such as 23.976 and 29.97 stand for 1000/1001 of the next integer
-// (SMPTE ST 12-1), as for OpenEXR's guessExactFps; others are kept to a thousandth.
-static exr_result_t set_frame_rate(exr_context_t context, double rate)
+bool sgs_frame_rate(double rate, int *numerator, int *denominator)
 {
     if (!(rate >= 0.001 && rate <= 1e6))
-        return EXR_ERR_SUCCESS;
+        return false;
     const double next = ceil(rate);
-    exr_attr_rational_t rational = {.num = (int32_t)lround(1000 * rate), .denom = 1000};
-    if (rational.num % 1000 == 0)
-        rational = (exr_attr_rational_t){.num = rational.num / 1000, .denom = 1};
-    else if (next >= 24 && fabs(rate - next / 1.001) < 0.002)
-        rational = (exr_attr_rational_t){.num = (int32_t)(1000 * next), .denom = 1001};
+    *numerator = (int)lround(1000 * rate);
+    *denominator = 1000;
+    if (*numerator % 1000 == 0) {
+        *numerator /= 1000;
+        *denominator = 1;
+    } else if (next >= 24 && fabs(rate - next / 1.001) < 0.002) {
+        *numerator = (int)(1000 * next);
+        *denominator = 1001;
+    }
+    return true;
+}
+
+static exr_result_t set_frame_rate(exr_context_t context, double rate)
+{
+    int numerator, denominator;
+    if (!sgs_frame_rate(rate, &numerator, &denominator))
+        return EXR_ERR_SUCCESS;
+    const exr_attr_rational_t rational = {.num = numerator, .denom = (uint32_t)denominator};
     return exr_attr_set_rational(context, 0, "framesPerSecond", &rational);
 }
 

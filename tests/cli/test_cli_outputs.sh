@@ -28,7 +28,7 @@ json "$temporary/stdout" '[.images[].name] == ["0002.jpg", "0003.jpg"]'
 
 # missing_and_damaged_colour_maps_are_reported
 run 0 train "$room" -o "$temporary/exposed" --downscale 16 --exposure --iterations 5 --quiet
-maps=$temporary/exposed/exposure.json
+maps=$temporary/exposed/point_cloud/iteration_5/exposure.json
 for damage in '.["0009.jpg"] = [[1, 2]]' '.["0009.jpg"][2][3] = "0"' '[.]'; do
     mv "$maps" "$temporary/maps.json"
     jq "$damage" "$temporary/maps.json" >"$maps"
@@ -39,7 +39,10 @@ for damage in '.["0009.jpg"] = [[1, 2]]' '.["0009.jpg"][2][3] = "0"' '[.]'; do
 done
 run 0 eval "$temporary/exposed" "$room" --quiet
 check no_warning test ! -s "$temporary/stderr"
-rm "$maps"
+echo '[]' >"$temporary/exposed/exposure.json" # is for models without a file of their own
+run 0 eval "$temporary/exposed/point_cloud/iteration_5" "$room" --quiet
+check no_warning test ! -s "$temporary/stderr"
+rm "$maps" "$temporary/exposed/exposure.json"
 run 0 eval "$temporary/exposed" "$room" --quiet
 reports "exposure.json: does not exist; the colour maps of the run are not used"
 

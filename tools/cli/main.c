@@ -182,6 +182,7 @@ static void open_standard_streams(void)
 int main(int argc, char **argv)
 {
     open_standard_streams();
+    setvbuf(stdout, NULL, _IOLBF, 0); // rows appear at once, also in a pipe
     group_silence();
     messages_hear_library(true);
     int status = run(argc, argv);

@@ -60,6 +60,18 @@ static char *run_of_iteration(const char *folder)
     return is ? format_text("%s/../..", folder) : NULL;
 }
 
+// N of a folder iteration_N, 0 for other names.
+static int iteration_of(const char *folder)
+{
+    char *real = realpath(folder, NULL);
+    const char *name = real ? strrchr(real, '/') : NULL;
+    int iteration = 0;
+    if (name && sscanf(name, "/iteration_%d", &iteration) != 1)
+        iteration = 0;
+    free(real);
+    return iteration;
+}
+
 // Reads RUN/config.json if it exists. Takes `run`, which may be NULL.
 static void read_run_config(char *run, model_path *located)
 {
@@ -94,6 +106,7 @@ bool model_locate(const char *model, model_path *located)
     located->ply_path = iteration_model(model);
     if (located->ply_path) {
         read_run_config(run_of_iteration(model), located);
+        located->iteration = located->run ? iteration_of(model) : 0;
         return true;
     }
     char path[4096];

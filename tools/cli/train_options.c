@@ -611,8 +611,8 @@ int train_values_check(const train_values *values, const command_line *line)
                           line->synopsis);
     if (o->ssim_weight == 0.0 && refuse_idle(line, "ssim-sigma", "with --ssim-weight 0") >= 0)
         return EXIT_USAGE;
-    if (values->init)
-        return refuse_idle(line, "random-points", "with --init");
+    if (values->init && refuse_idle(line, "random-points", "with --init") >= 0)
+        return EXIT_USAGE;
     if (o->pipeline_options.taming_count)
         return refuse_idle(line, "taming-multiplier", "with --taming-count");
     return -1;

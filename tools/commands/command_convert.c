@@ -360,7 +360,8 @@ static bool read_regions(const convert_plan *plan, const char *folder, const ope
         fail_run("%s: --filter-slack and --filter-region require a run folder", folder);
         return false;
     }
-    if (!region_map_read(folder, opened->located.iteration, opened->gaussians, regions))
+    if (!region_map_read(opened->located.run, opened->located.iteration, opened->gaussians,
+                         regions))
         return false;
     if (!regions->iteration)
         fail_run("%s: contains no records of SPARE-GS regions", folder);
@@ -658,7 +659,10 @@ int command_convert(int argc, char **argv)
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without a SCENE");
     warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace",
               "on convert, which reads no photographs");
-    if (!check_output(call.line.operands[1]))
+    const char *out = call.line.operands[1];
+    if (same_file(out, call.line.operands[0]))
+        return fail_usage("OUT: %s is an input of this command; choose another file", out);
+    if (!check_output(out))
         return EXIT_FAILED;
     interrupt_watch();
     return convert(&call.line, &plan, &data, call.common.json);

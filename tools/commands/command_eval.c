@@ -19,6 +19,7 @@
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
 #include "draw/colormap.h"
+#include "draw/photo_guard.h"
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
 #include "run/rank_work.h"
@@ -223,7 +224,10 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     const sgs_view *views = evaluation->scene->views;
     const size_t count = evaluation->scene->view_count;
     char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
-    const bool ready = !save || (stems && make_folder(save) && check_writable(save));
+    bool ready = !save || stems;
+    for (size_t v = 0; save && ready && v < count; ++v)
+        ready = photo_guard_admits(evaluation->scene, save, stems[v]);
+    ready = ready && (!save || (make_folder(save) && check_writable(save)));
     if (!group_all(ready)) {
         file_stems_free(stems, count);
         json_decref(list);
@@ -293,6 +297,22 @@ static bool describe_views(FILE *out, const void *context)
                 view->name, sgs_rank_photo_digest(photo));
     }
     return true;
+}
+
+// Without --split, images recorded as held out are compared. False after printing the error if none
+// of them is there; the training images would take their place.
+static bool held_out_found(const scene_values *data, const sgs_scene *scene)
+{
+    const size_t recorded = json_array_size(data->held_out);
+    const size_t found = recorded ? scene_split_count(scene, SGS_SPLIT_TEST) : 0;
+    if (recorded && !found)
+        fail_run("%s: contains none of the %zu held-out images of the run, such as '%s'; restore "
+                 "them, or select other images with --split",
+                 scene->path, recorded, json_string_value(json_array_get(data->held_out, 0)));
+    else if (found < recorded)
+        print_warning("%s: contains %zu of the %zu held-out images of the run", scene->path, found,
+                      recorded);
+    return !recorded || found;
 }
 
 static int evaluate_model(const command_line *line, const model_path *located,
@@ -379,8 +399,9 @@ int command_eval(int argc, char **argv)
             if (located.run)
                 run_record_check_scene(located.run, scene);
             drawing_resolve(&drawing, &call.line, located.config, &data, scene);
-            json_t *exposures;
-            if (exposure_of_run(located.run, located.config, &exposures))
+            json_t *exposures = NULL;
+            if ((option_given(&call.line, "split") || held_out_found(&data, scene)) &&
+                exposure_of_model(&located, &exposures))
                 status = evaluate_model(&call.line, &located, exposures, lpips, scene, &drawing,
                                         &values, call.common.json);
             json_decref(exposures);

@@ -20,6 +20,7 @@
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
 #include "draw/aov_list.h"
+#include "draw/photo_guard.h"
 #include "draw/view_drawer.h"
 #include "run/rank_work.h"
 #include "sparegs/rank_check.h"
@@ -435,7 +436,7 @@ static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
     view_drawer drawer;
     bool done = group_all(view_drawer_open(&drawer, options, drawing, model) &&
                           view_drawer_prepare(&drawer, cameras));
-    done = done && draw_views(&drawer, cameras);
+    done = done && (drawer.cancelled || draw_views(&drawer, cameras));
     done = view_drawer_finish(&drawer) && done;
     done = group_all(done); // the last views of all ranks, before the video replaces another one
     const bool stopped = group_stop_requested();
@@ -469,6 +470,38 @@ static bool describe_cameras(FILE *out, const void *context)
     return true;
 }
 
+// The camera files to write.
+static unsigned camera_formats(const render_values *values)
+{
+    const bool is_path = values->output && (values->orbit || values->spiral);
+    return values->save_cameras ? values->save_cameras : is_path ? CAMERAS_JSON : 0;
+}
+
+// False after printing the error if the frames or the camera files would replace photographs, the
+// cameras of a run, or those of --camera.
+static bool spares_inputs(const render_values *values, const sgs_scene *scene,
+                          const camera_list *cameras)
+{
+    bool spares = true;
+    for (size_t i = 0; values->output && i < cameras->count && spares; ++i)
+        spares = photo_guard_admits(scene, values->output, cameras->cameras[i].stem);
+    if (!spares || !values->output || !(camera_formats(values) & CAMERAS_JSON))
+        return spares;
+    char *json = format_text("%s/cameras.json", values->output),
+         *config = format_text("%s/config.json", values->output);
+    const bool is_run = file_exists(config),
+               is_input = values->camera && same_file(json, values->camera);
+    if (is_run)
+        fail_run("%s: is the folder of a run, whose cameras.json would be replaced; choose another "
+                 "folder with -o",
+                 values->output);
+    else if (is_input)
+        fail_run("%s: is the input of --camera and would be replaced; choose another folder", json);
+    free(json);
+    free(config);
+    return !is_run && !is_input;
+}
+
 // Exports all cameras, then reduces them to those of `range` and renders these.
 static bool render_model(const command_line *line, const model_path *located, camera_list *cameras,
                          const frame_range *range, drawing_values *drawing,
@@ -485,15 +518,14 @@ static bool render_model(const command_line *line, const model_path *located, ca
     view_options options = view_options_from(values, cameras->fps);
     region_map regions = {0};
     options.regions = &regions;
-    unsigned formats = values->save_cameras;
-    if (!formats && values->output && (values->orbit || values->spiral))
-        formats = CAMERAS_JSON;
+    const unsigned formats = camera_formats(values);
     const bool exports = formats && group_leads();
     bool done = !exports || cameras_export(values->output, formats, cameras, options.fps);
     cameras_keep_frames(range, cameras);
     json_t *before = group_ranks() ? reported_files_take() : NULL;
     done = group_all(done) &&
-           find_regions(line->operands[0], located->iteration, model, &regions, &options.aovs) &&
+           find_regions(located->run ? located->run : line->operands[0], located->iteration, model,
+                        &regions, &options.aovs) &&
            render_views(model, cameras, &options, drawing, before);
     json_decref(before);
     region_map_free(&regions);
@@ -539,6 +571,8 @@ static int run_render(const command_line *line, const render_values *values,
     }
     if (status < 0 &&
         !(cameras_choose(choice, scene, &cameras) && (!values->overscan || can_overscan(&cameras))))
+        status = EXIT_FAILED;
+    if (status < 0 && !spares_inputs(values, scene, &cameras))
         status = EXIT_FAILED;
     if (status < 0 && values->output && // without cameras the folder is removed
         !(make_folder(values->output) && check_writable(values->output)))

@@ -24,6 +24,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "sparegs/image.h"
 
 #define EVEN_SIZE "pad=ceil(iw/2)*2:ceil(ih/2)*2"
 
@@ -79,8 +80,13 @@ static bool records_colors(const char *path)
 static void run_ffmpeg(const video *film, double fps, int input)
 {
     char size[32], rate[32];
+    int numerator, denominator;
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
-    snprintf(rate, sizeof rate, "%.6g", fps);
+    // As recorded in EXR files; fps is at least 0.01, and a camera path may have more than 1e6.
+    if (sgs_frame_rate(fps, &numerator, &denominator) && denominator > 1)
+        snprintf(rate, sizeof rate, "%d/%d", numerator, denominator);
+    else
+        snprintf(rate, sizeof rate, "%.6g", fps);
     const bool marked = records_colors(film->file.path);
     const char *filters =
                    marked ? EVEN_SIZE ",scale=out_color_matrix=bt709:out_range=tv" : EVEN_SIZE,

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cameras/lens_samples.h"
+#include "cli/interrupt.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
@@ -78,23 +79,46 @@ static void copy_plane(sgs_aov_type type, const double *from, void *to, size_t p
             floats[i] = (float)from[i];
 }
 
-static bool draw_reference(const view_drawer *drawer, const sgs_camera *camera,
-                           const sgs_pose *pose, const sgs_render_options *options,
-                           sgs_frame *frame)
+static bool not_interrupted(void *user, size_t done, size_t total)
+{
+    (void)user, (void)done, (void)total;
+    return !interrupt_signal();
+}
+
+// Ranks draw their views to the end: they meet in every round.
+static sgs_render_options render_options(const view_drawer *drawer)
+{
+    sgs_render_options options = drawing_render_options(drawer->drawing);
+    options.axis_depth = drawer->options->axis_depth;
+    options.progress = group_ranks() ? NULL : not_interrupted;
+    return options;
+}
+
+// Records a cancelled rendering. True if the status is not an error that is to be printed.
+static bool was_cancelled(view_drawer *drawer, sgs_status status)
+{
+    drawer->cancelled = drawer->cancelled || status == SGS_STATUS_CANCELLED;
+    return status == SGS_STATUS_CANCELLED;
+}
+
+static sgs_status draw_reference(const view_drawer *drawer, const sgs_camera *camera,
+                                 const sgs_pose *pose, const sgs_render_options *options,
+                                 sgs_frame *frame)
 {
     sgs_reference_frame exact = {0};
-    bool done =
-        !sgs_reference_frame_create(camera->width, camera->height, &exact) &&
-        !sgs_reference_render(drawer->params, drawer->model->count, camera, pose, options, &exact);
+    sgs_status status = sgs_reference_frame_create(camera->width, camera->height, &exact);
+    if (!status)
+        status = sgs_reference_render(drawer->params, drawer->model->count, camera, pose, options,
+                                      &exact);
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     size_t count;
     const sgs_aov *aovs = sgs_aov_descriptors(&count);
-    for (size_t k = 0; k < count && done; ++k)
+    for (size_t k = 0; k < count && !status; ++k)
         for (int c = 0; c < aovs[k].channels; ++c)
             copy_plane(aovs[k].type, sgs_aov_reference_plane(&aovs[k], &exact, c),
                        sgs_aov_plane(&aovs[k], frame, c), pixels);
     sgs_reference_frame_free(&exact);
-    return done;
+    return status;
 }
 
 // False after printing the error if a ray of the lens is at 90 degrees or more from the axis.
@@ -129,12 +153,12 @@ static bool prepare_frame(sgs_frame *frame, const sgs_camera *camera, unsigned p
 static bool draw_flat(view_drawer *drawer, const sgs_camera *camera, const sgs_pose *pose,
                       const sgs_render_options *options, sgs_frame *frame)
 {
-    const bool done = drawer->renderer
-                          ? !sgs_renderer_render(drawer->renderer, camera, pose, options, frame)
-                          : draw_reference(drawer, camera, pose, options, frame);
-    if (!done)
+    const sgs_status status =
+        drawer->renderer ? sgs_renderer_render(drawer->renderer, camera, pose, options, frame)
+                         : draw_reference(drawer, camera, pose, options, frame);
+    if (status && !was_cancelled(drawer, status))
         fail_library();
-    return done;
+    return !status;
 }
 
 // Renders the frame and writes the deep file.
@@ -145,11 +169,12 @@ static bool draw_deep(view_drawer *drawer, const frame_files *files,
     deep_file *file = deep_file_open(files, drawer->frame, deep->max_samples);
     if (!file)
         return false;
-    const bool done = !sgs_renderer_render_deep(drawer->renderer, files->camera, files->pose,
-                                                options, deep, drawer->frame, deep_file_rows, file);
-    if (!done && !deep_file_failed(file))
+    const sgs_status status =
+        sgs_renderer_render_deep(drawer->renderer, files->camera, files->pose, options, deep,
+                                 drawer->frame, deep_file_rows, file);
+    if (status && !deep_file_failed(file) && !was_cancelled(drawer, status))
         fail_library();
-    return deep_file_close(file, done);
+    return deep_file_close(file, !status);
 }
 
 // ---- Multisampling ----
@@ -235,8 +260,7 @@ static bool preview(view_drawer *drawer, const named_camera *view, unsigned aovs
     const int width = (int)fmax(1, scale * camera->width),
               height = (int)fmax(1, scale * camera->height);
     const sgs_camera small = sgs_camera_resized(camera, width, height);
-    sgs_render_options options = drawing_render_options(drawer->drawing);
-    options.axis_depth = drawer->options->axis_depth;
+    sgs_render_options options = render_options(drawer);
     if (!whole)
         options.filter = SGS_FILTER_NONE;
     return prepare_frame(frame, whole ? camera : &small, range_planes(aovs)) &&
@@ -316,7 +340,7 @@ bool view_drawer_prepare(view_drawer *drawer, const camera_list *views)
     range_samples_free(&samples);
     if (done && aovs)
         report_ranges(drawer, aovs);
-    return done;
+    return done || drawer->cancelled;
 }
 
 // ---- Output ----
@@ -380,10 +404,9 @@ static void start_writing(view_drawer *drawer)
 static bool draw_view(view_drawer *drawer, const named_camera *view)
 {
     const view_options *o = drawer->options;
-    sgs_render_options options = drawing_render_options(drawer->drawing);
+    const sgs_render_options options = render_options(drawer);
     sgs_camera *camera = &drawer->cameras[drawer->frame != drawer->frames];
     *camera = camera_with_border(&view->camera, o->overscan);
-    options.axis_depth = o->axis_depth;
     if (o->axis_depth && !has_axis_depth(view->name, camera))
         return false;
     frame_files files = {.folder = o->folder,
@@ -421,7 +444,7 @@ bool view_drawer_draw(view_drawer *drawer, const named_camera *view)
     const bool done = draw_view(drawer, view);
     if (done)
         start_writing(drawer);
-    return done;
+    return done || drawer->cancelled;
 }
 
 bool view_drawer_draw_round(view_drawer *drawer, const named_camera *view, size_t views)

@@ -49,7 +49,8 @@ typedef struct view_drawer {
     size_t frame_bytes;   // of a frame of the video
     unsigned char *round; // rank 0: [round_views][frame_bytes], the frames of the ranks
     size_t round_views;
-    bool filmed; // the video is complete
+    bool filmed;    // the video is complete
+    bool cancelled; // a signal ended the rendering of a view, which is not written
     size_t drawn;
     double draw_seconds, write_seconds;
 } view_drawer;
@@ -59,7 +60,8 @@ typedef struct view_drawer {
 bool view_drawer_open(view_drawer *drawer, const view_options *options,
                       const drawing_values *drawing, const sgs_gaussians *model);
 // Checks the sizes of the frames of a video; measures the ranges of PNG files over all views and
-// reports them. Call it before the first view. False after printing the error.
+// reports them. Call it before the first view. False after printing the error. Without ranks, a
+// signal cancels this and the next function.
 bool view_drawer_prepare(view_drawer *drawer, const camera_list *views);
 // The view must stay valid until the next call. False after printing the error of this view or of
 // the previous one.

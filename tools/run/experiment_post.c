@@ -338,6 +338,64 @@ static bool resolve_paths(const char *plan_path, json_t *options)
     return good;
 }
 
+// Points are compared by held-out images.
+static bool holds_out(const json_t *options)
+{
+    static const char *const names[] = {"eval", "test_every", "test-every", "test_images",
+                                        "test-images"};
+    bool holds = false;
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        const json_t *value = json_object_get(options, names[k]);
+        holds = holds || (value && !json_is_false(value) && !json_is_null(value));
+    }
+    return holds;
+}
+
+// Each scene or the plan must hold out images. False after printing the error.
+static bool all_hold_out(const char *plan_path, const json_t *root)
+{
+    size_t s;
+    json_t *scene; // or a variant
+    bool all = json_array_size(json_object_get(root, "variants")) > 0;
+    json_array_foreach(json_object_get(root, "variants"), s, scene)
+    {
+        all = all && holds_out(json_object_get(scene, "options"));
+    }
+    all = all || holds_out(json_object_get(root, "options"));
+    json_array_foreach(json_object_get(root, "scenes"), s, scene)
+    {
+        if (all || holds_out(json_object_get(scene, "options")))
+            continue;
+        fail_run("%s: post: scene '%s' has no held-out images to compare; set the option "
+                 "\"eval\": true",
+                 plan_path, json_string_value(json_object_get(scene, "name")));
+        return false;
+    }
+    return true;
+}
+
+// False after printing the error if a step is for no variant of the plan.
+static bool has_work(const char *plan_path, const json_t *root, const post_plan *post)
+{
+    for (size_t k = 0; k < post->count; ++k) {
+        size_t v;
+        json_t *variant;
+        bool applies = false;
+        json_array_foreach(json_object_get(root, "variants"), v, variant)
+        {
+            const char *name = json_string_value(json_object_get(variant, "name"));
+            applies = applies || post_applies(&post->points[k], name);
+        }
+        if (!applies) {
+            fail_run("%s: post: step '%s' is for the variants 'off' and 'on', which the plan does "
+                     "not have; set \"variants\" of the step",
+                     plan_path, post->points[k].step);
+            return false;
+        }
+    }
+    return true;
+}
+
 bool post_plan_read(const char *plan_path, const json_t *root, post_plan *post)
 {
     *post = (post_plan){0};
@@ -363,6 +421,8 @@ bool post_plan_read(const char *plan_path, const json_t *root, post_plan *post)
             add_points(post, step, name);
         free(name);
     }
+    good = good &&
+           (!post->count || (all_hold_out(plan_path, root) && has_work(plan_path, root, post)));
     if (!good)
         post_plan_free(post);
     return good;
@@ -512,6 +572,7 @@ static json_t *evaluate(const post_run *run, const char *model, const char *outp
     add_text(&list, model);
     add_text(&list, run->scene_path);
     add_option(&list, "--run", run->folder);
+    add_option(&list, "--split", "test");
     add_option(&list, "--lpips", run->lpips);
     json_t *result = run_for_result(&list, run, output, status);
     argument_list_free(&list);

@@ -12,7 +12,6 @@
 
 #include "cli/json_file.h"
 #include "cli/json_output.h"
-#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -67,13 +66,19 @@ json_t *exposure_read(const char *path, bool *failed)
     return NULL;
 }
 
-bool exposure_of_run(const char *run, const json_t *config, json_t **exposures)
+bool exposure_of_model(const model_path *located, json_t **exposures)
 {
     bool damaged = false;
     *exposures = NULL;
-    if (!json_is_true(config_option(config, "exposure")))
+    if (!json_is_true(config_option(located->config, "exposure")))
         return true;
-    char *path = format_text("%s/exposure.json", run ? run : "");
+    const char *slash = strrchr(located->ply_path, '/');
+    const int length = slash ? (int)(slash - located->ply_path) : 0;
+    char *path = format_text("%.*s/exposure.json", length, located->ply_path);
+    if (!slash || !file_exists(path)) {
+        free(path);
+        path = format_text("%s/exposure.json", located->run ? located->run : "");
+    }
     *exposures = exposure_read(path, &damaged);
     free(path);
     return !damaged;

@@ -9,6 +9,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
+#include "cli/model_path.h"
 #include "sparegs/render.h"
 #include "sparegs/trainer.h"
 
@@ -18,9 +19,10 @@ bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer 
 // NULL with a warning if the file does not exist, or with *failed set after printing the error.
 json_t *exposure_read(const char *path, bool *failed);
 
-// Those of the run in folder `run`, or NULL if it was trained without --exposure or `config` is
-// NULL; to be released. False after printing the error.
-bool exposure_of_run(const char *run, const json_t *config, json_t **exposures);
+// Those of a model of a run, beside the model or, for a model derived from it, in the run folder.
+// NULL if the run was trained without --exposure or there is no run; to be released. False after
+// printing the error.
+bool exposure_of_model(const model_path *located, json_t **exposures);
 
 // Warns that fine-tuning a model of a run with --exposure does not compensate exposure.
 void exposure_warn_finetune(const char *path, const json_t *config);

@@ -66,6 +66,7 @@ static bool lock_folder(run_folder *folder)
 static bool lock_shared(run_folder *folder)
 {
     char *path = lock_path(folder);
+    folder->was_locked = file_exists(path);
     const lock_result result = lock_file_take(path, &folder->shared_lock);
     const int code = errno;
     free(path);
@@ -109,7 +110,8 @@ bool run_folder_has_results(const run_folder *folder)
 bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice)
 {
     char *clouds = format_text("%s/point_cloud", folder->path);
-    const bool used = run_folder_is_used(folder), foreign = !used && file_exists(clouds);
+    const bool used = run_folder_is_used(folder),
+               foreign = !used && !folder->was_locked && file_exists(clouds);
     free(clouds);
     if (foreign)
         fail_run("%s: contains point_cloud, but no config.json: the output of another program; "
@@ -201,16 +203,27 @@ void run_folder_restore(const run_folder *folder)
     free(next);
 }
 
+// True if a run can be resumed, also if it was killed while it saved a checkpoint.
+static bool has_state(const char *folder)
+{
+    static const char *const names[] = {"state", "state.next", "state.previous"};
+    bool has = false;
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        char *path = format_text("%s/checkpoint/%s.bin", folder, names[k]);
+        has = has || file_exists(path);
+        free(path);
+    }
+    return has;
+}
+
 bool run_folder_keep_previous(const run_folder *folder)
 {
     char *next = previous_path(folder, ".next"), *previous = previous_path(folder, "");
     char *old = format_text("%s/.previous.old", folder->path);
-    char *state = format_text("%s/checkpoint/state.bin", next);
     remove_tree(old);
-    const bool stays = file_exists(previous) && !has_results(next) && !file_exists(state);
+    const bool stays = file_exists(previous) && !has_results(next) && !has_state(next);
     const bool kept =
         stays || ((!rename(previous, old) || errno == ENOENT) && !rename(next, previous));
-    free(state);
     if (stays) {
         remove_tree(next);
         print_note("%s: the replaced run had no results; %s stays", folder->path, previous);
@@ -283,7 +296,8 @@ void run_folder_clean(const run_folder *folder)
                                       "train.csv",     "spare.csv",    "summary.json",
                                       "exposure.json", "regions.bin",  "experiment.json"};
     static const char *const saved[] = {"state.next.bin", "sums.csv"};
-    static const char *const models[] = {"point_cloud.ply", "point_cloud_filter_3D.ply"};
+    static const char *const models[] = {"point_cloud.ply", "point_cloud_filter_3D.ply",
+                                         "exposure.json"};
     static const char iteration[] = "iteration_";
     char *checkpoint = format_text("%s/checkpoint", folder->path),
          *clouds = format_text("%s/point_cloud", folder->path);
@@ -595,9 +609,13 @@ bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
     saved = saved_too(saved, sgs_trainer_write_ply(trainer, path));
     if (sgs_trainer_filter_3d(trainer))
         saved = saved_too(saved, sgs_trainer_write_ply_filter_3d(trainer, filtered));
-    char *exposure = format_text("%s/exposure.json", folder->path);
-    saved = (!group_leads() || exposure_write(exposure, scene, trainer)) && saved;
+    char *exposure = format_text("%s/exposure.json", folder->path), // of the newest model
+        *own = format_text("%s/point_cloud/iteration_%d/exposure.json", folder->path, iteration);
+    saved = (!group_leads() ||
+             (exposure_write(own, scene, trainer) && exposure_write(exposure, scene, trainer))) &&
+            saved;
     free(exposure);
+    free(own);
     free(filtered);
     free(path);
     return saved;

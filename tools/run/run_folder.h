@@ -16,8 +16,9 @@ typedef struct run_folder {
     FILE *train_csv, *spare_csv, *sums_csv;
     size_t densified, pruned, spare_pruned; // counts since the last row of train.csv
     int lock, shared_lock;                  // descriptors that lock the folder
-    double checkpoint_seconds;              // longest time to save a checkpoint
-    double checkpoint_total;                // total time to save checkpoints
+    bool was_locked; // before: sparegs wrote into the folder, which may have no config.json yet
+    double checkpoint_seconds; // longest time to save a checkpoint
+    double checkpoint_total;   // total time to save checkpoints
 } run_folder;
 
 // Creates the folder, locks it until the process ends and checks that it is writable.

@@ -1,0 +1,13 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// Renders never replace the photographs that they are compared with.
+
+#include <stdbool.h>
+
+#include "sparegs/scene.h"
+
+// False after printing the error if FOLDER/STEM.png or FOLDER/STEM.exr is a photograph or a mask of
+// the scene. scene may be NULL.
+bool photo_guard_admits(const sgs_scene *scene, const char *folder, const char *stem);

@@ -189,6 +189,28 @@ run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary
 run 0 render "$model" "$room" --view 0009 --size 40x40 --aov rgba -o "$temporary/narrow"
 check cropped_not_squashed oiiotool --fail 1e-3 --failpercent 2 "$temporary/wide/0009.exr" --cut 40x40+20+0 "$temporary/narrow/0009.exr" --diff
 
+# inputs_are_not_replaced (the cameras of a run, those of --camera, the photographs)
+run 1 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba -o "$model"
+one_line
+reports "is the folder of a run, whose cameras.json would be replaced"
+check nothing_was_rendered test ! -e "$model/orbit_00000.exr"
+cp "$model/cameras.json" "$temporary/parts/cameras.json"
+run 1 render "$model" --camera "$temporary/parts/cameras.json" --save-cameras json --size 20x15 --aov rgba -o "$temporary/parts"
+reports "is the input of --camera and would be replaced"
+mkdir -p "$temporary/pngs/images"
+for view in 0001 0002 0009; do oiiotool "$room/images/$view.jpg" --resize 60x34 -o "$temporary/pngs/images/$view.png"; done
+jq -n '{fl_x: 400, frames: [("0001", "0002", "0009") as $name |
+    {file_path: "images/\($name).png", transform_matrix: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}' \
+    >"$temporary/pngs/transforms.json"
+cp "$temporary/pngs/images/0002.png" "$temporary/photo.png"
+run 1 render "$model" "$temporary/pngs" --split all --format png --aov rgba -o "$temporary/pngs"
+one_line
+reports "images/0001.png: is a photograph or a mask of the scene; choose another folder"
+run 1 eval "$model/point_cloud/iteration_10/point_cloud.ply" "$temporary/pngs" --split all --save "$temporary/pngs"
+reports ".png: is a photograph or a mask of the scene; choose another folder"
+check the_photograph_is_as_before cmp "$temporary/photo.png" "$temporary/pngs/images/0002.png"
+run 0 render "$model" "$temporary/pngs" --split all --format png --aov rgba -o "$temporary/pngs/images"
+
 # views_do_not_overwrite_each_other (equal stems keep their extension, equal names are numbered, no name leaves the folder)
 jq '.[0] as $camera | ["a.jpg", "a.png", "b.jpg", "c", "c", "c_2", "..", "../up.png", "in/a.jpg", ".hidden", "d.png", "d.deep.png", "d_flip.png"] |
     map($camera + {img_name: .})' "$model/cameras.json" >"$temporary/names.json"

@@ -241,6 +241,15 @@ reports "no primitive is left; nothing was written"
 run 1 convert "$ply" "$temporary/none.ply" --lod 1
 run 1 convert "$ply" "$temporary/none.ply" --filter-slack 0
 reports "--filter-slack and --filter-region require a run folder"
+
+# the_input_is_not_replaced
+cp "$ply" "$temporary/own.ply"
+ln -sf own.ply "$temporary/link.ply"
+for name in own link; do
+    run 2 convert "$temporary/own.ply" "$temporary/$name.ply" --filter-opacity 0.5
+    reports "is an input of this command; choose another file"
+done
+check it_is_as_before cmp "$ply" "$temporary/own.ply"
 run 1 convert "$temporary/missing.spz" "$temporary/none.ply"
 reports "no such model"
 echo '#usda 1.0' >"$temporary/empty.usda"

@@ -40,6 +40,15 @@ refused 'post: prune: varaints: unknown key' '[{"prune": {"method": "refine"}, "
 refused 'post: compress: preset: unknown word' '[{"compress": {"method": "ghap", "preset": "spare-4"}}]'
 refused 'post: compress: keep: makes all presets equal; set "preset" to one of them' '[{"compress": {"method": "ghap", "keep": 0.5}}]'
 refused 'post: compress: vq-ratio: makes all presets equal' '[{"compress": {"method": "lightgaussian", "vq-ratio": 0.5, "preset": ["spare-1", "spare-2"]}}]'
+refused "post: step 'prune-refine' is for the variants 'off' and 'on', which the plan does not have" \
+    '[{"prune": {"method": "refine"}}], "variants": [{"name": "a"}, {"name": "b"}]'
+write_plan '[{"prune": {"method": "refine"}}]'
+jq '.options.eval = false' "$plan" >"$temporary/unheld.json"
+run 1 experiment "$temporary/unheld.json" --check
+one_line
+reports "post: scene 'room' has no held-out images to compare; set the option \"eval\": true"
+jq '.variants = [{name: "on", options: {"test-every": 4}}]' "$temporary/unheld.json" >"$temporary/held.json"
+run 0 experiment "$temporary/held.json" --check
 refused "post: name: prune-refine: two steps have this name" '[{"prune": {"method": "refine"}}, {"prune": {"method": "refine", "finetune": 5}}]'
 refused "post: name: a/b: use letters" '[{"prune": {"method": "refine"}, "name": "a/b"}]'
 

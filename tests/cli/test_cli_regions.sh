@@ -106,6 +106,12 @@ run 0 render "$temporary/alone.ply" "$room" --downscale 8 --view 0009 --aov all 
 reports "region and slack are omitted"
 oiiotool --info -v "$temporary/alone/0009.exr" >"$temporary/info"
 check the_others_are_there grep -qF 'primitive.id (uint), transmittance.T' "$temporary/info"
+# The folder of an iteration has the regions of its run.
+iteration=$model/point_cloud/iteration_100
+run 0 render "$iteration" "$room" --view 0009 --aov primitive,region,slack -o "$temporary/of_iteration"
+check the_pixels_are_the_same oiiotool "$temporary/exr/0009.exr" "$temporary/of_iteration/0009.exr" --diff
+run 0 convert "$iteration" "$temporary/of_iteration.ply" --filter-region "$voxel"
+check the_same_primitives cmp "$temporary/of_iteration.ply" "$temporary/part.ply"
 head -c 100 "$model/regions.bin" >"$temporary/cut" && cat "$temporary/cut" "$temporary/cut" >"$model/regions.bin"
 run 1 render "$model" "$room" --view 0009 --aov region -o "$temporary/exr"
 one_line

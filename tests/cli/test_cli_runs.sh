@@ -215,6 +215,19 @@ run 0 train "${data[@]}" -o "$out" --iterations 3 --overwrite
 check the_previous_run_stays test "$(files "$out/previous")" = "$kept"
 check no_leftover_is_there test -z "$(find "$out" -maxdepth 1 -name '*previous.*')"
 
+# held_out_images_that_are_missing_are_reported
+cp -r "$scene" "$temporary/fewer"
+run 0 train "$temporary/fewer" --downscale 8 --threads 2 --quiet -o "$temporary/held" --iterations 3 --eval
+held=$(jq -r '.test_images[]' "$temporary/held/config.json")
+rm "$temporary/fewer/images/$(head -1 <<<"$held")"
+run 0 eval "$temporary/held" "$temporary/fewer" --json
+json "$temporary/stdout" ".split == \"test\" and (.images | length) == $(($(wc -l <<<"$held") - 1))"
+reports "contains $(($(wc -l <<<"$held") - 1)) of the $(wc -l <<<"$held") held-out images of the run"
+for name in $held; do rm -f "$temporary/fewer/images/$name"; done
+run 1 eval "$temporary/held" "$temporary/fewer"
+reports "contains none of the $(wc -l <<<"$held") held-out images of the run"
+run 0 eval "$temporary/held" "$temporary/fewer" --split all --json
+
 # models_of_other_programs_are_not_replaced
 mkdir -p "$temporary/foreign/point_cloud/iteration_30000"
 touch "$temporary/foreign/point_cloud/iteration_30000/point_cloud.ply"

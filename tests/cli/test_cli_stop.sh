@@ -139,6 +139,17 @@ wait_for_iteration_100
 kill -HUP "$process" || true
 finish_with 0
 
+# a_signal_ends_the_rendering_of_a_view (4096 samples take a minute), without files
+last_command="sparegs render --spp 4096"
+mkdir -p "$temporary/drawn"
+"$program" render "$out" "$room" --view 0009 --aov rgba --spp 4096 -o "$temporary/drawn" >"$temporary/stdout" 2>"$temporary/stderr" &
+process=$!
+sleep 1
+check it_renders kill -0 "$process"
+kill -INT "$process"
+finish_with 130
+check there_are_no_files test -z "$(find "$temporary/drawn" -type f)"
+
 # a_closed_stderr_does_not_end_the_run
 rm -rf "$out"
 last_command="sparegs train | head -1"

@@ -121,6 +121,8 @@ run 2 train "$room" other -o "$temporary/out"
 reports "unexpected argument"
 run 2 train "$room" -o "$temporary/out" --eval --test-every 4
 reports "are mutually exclusive"
+run 2 train "$room" -o "$temporary/out" --init model.ply --pipeline taming --taming-count 100 --taming-multiplier 2
+reports "--taming-multiplier has no effect with --taming-count"
 run 2 eval model.ply
 run 2 render model.ply "$room"
 reports "-o DIR"

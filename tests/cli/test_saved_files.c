@@ -6,10 +6,12 @@
 // or unreadable is an error that leaves it as it is.
 
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 
+#include <sys/resource.h>
 #include <cmocka.h>
 
 #include "cli/model_path.h"
@@ -112,6 +114,50 @@ static void the_beginning_of_a_record_is_removed(void **state)
         assert_true(region_file_cut(folder.path, 400));
         assert_int_equal(size_of_records(), 3 * RECORD);
     }
+}
+
+static void a_history_ends_at_a_record_that_was_cut(void **state)
+{
+    (void)state;
+    for (int left = 0; left < RECORD; left += 9) {
+        put_records();
+        assert_int_equal(truncate(temp_path(&folder, "regions.bin"), 3 * RECORD + left), 0);
+        region_history history;
+        assert_true(region_history_read(folder.path, &history));
+        assert_int_equal(history.count, 3);
+        assert_int_equal(history.updates[2].iteration, 300);
+        region_history_free(&history);
+    }
+    put_records();
+    flip(RECORD + AT_COUNT + 2, 1); // another record follows
+    region_history history;
+    catch_messages();
+    const bool read = region_history_read(folder.path, &history);
+    read_message();
+    assert_false(read);
+    region_history_free(&history);
+}
+
+// A part of a record would hide the later ones.
+static void a_record_that_does_not_fit_is_removed(void **state)
+{
+    (void)state;
+    put_records();
+    const struct rlimit limit = {4 * RECORD + HEADER + 10, RLIM_INFINITY};
+    struct rlimit before;
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
+    signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    const sgs_region regions[REGIONS] = {{.voxel = 1}, {.voxel = 2}, {.voxel = 7}};
+    const sgs_regions update = {
+        .iteration = 500, .grid = 4, .cell = {1, 1, 1}, .count = REGIONS, .regions = regions};
+    catch_messages();
+    const bool written = region_file_append(folder.path, &update);
+    read_message();
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
+    assert_false(written);
+    assert_message("regions.bin", "was not recorded");
+    assert_int_equal(size_of_records(), 4 * RECORD);
 }
 
 static void a_damaged_record_is_an_error_that_keeps_the_file(void **state)
@@ -235,6 +281,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(records_up_to_the_iteration_are_kept),
         cmocka_unit_test(the_beginning_of_a_record_is_removed),
+        cmocka_unit_test(a_history_ends_at_a_record_that_was_cut),
+        cmocka_unit_test(a_record_that_does_not_fit_is_removed),
         cmocka_unit_test(a_damaged_record_is_an_error_that_keeps_the_file),
         cmocka_unit_test(rows_up_to_the_iteration_are_kept),
         cmocka_unit_test(a_table_of_many_rows_is_read_in_linear_time),

@@ -413,11 +413,14 @@ static void marks_are_kept(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    sgs_gaussians *model = pack_model(COUNT, 1, 9), *decoded;
+    sgs_gaussians *model = NULL, *decoded;
     const char *path = temp_path(&folder, "pack");
     sgs_compress_info info;
     size_t size;
-    for (int m = 0; m < TESTED; ++m) {
+    for (int k = 0; k < 2 * TESTED; ++k) { // without SH, then of degree 1
+        const int m = k % TESTED;
+        sgs_gaussians_destroy(model);
+        model = pack_model(COUNT, k / TESTED, 9);
         sgs_compress_options options = options_of(tested[m], 3);
         options.antialiased = true;
         options.colors = (sgs_model_colors){true, SGS_SPACE_LINEAR, 4.0};

@@ -624,6 +624,18 @@ static void sog_is_read(void **state)
     check_sog(model, (double[]){-9.5, -9, -8.5}, (double[]){-0.75, -0.5, -0.25}, logit(0.8), 0.0);
     sgs_gaussians_destroy(model);
 
+    // Early writers of version 2 stored null as the first entry of each codebook.
+    static const char list[] = "\"codebook\":[";
+    for (char *at = (char *)text.data; (at = strstr(at, list));) {
+        at += strlen(list);
+        memset(at, ' ', strcspn(at, ","));
+        memcpy(at, "null", 4);
+    }
+    file_put(temp_path(&folder, "meta.json"), text.data, text.size);
+    assert_int_equal(sgs_model_read(folder.path, NULL, &model, NULL), SGS_STATUS_OK);
+    check_sog(model, (double[]){-9.5, -9, -8.5}, (double[]){-0.75, -0.5, -0.25}, logit(0.8), 0.0);
+    sgs_gaussians_destroy(model);
+
     // Version 1: bounds instead of codebooks, and opacity logits.
     text.size = 0;
     put_text(

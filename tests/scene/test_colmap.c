@@ -398,6 +398,8 @@ static const struct {
     {"cameras.bin", 100, 4, 11, SGS_STATUS_UNSUPPORTED,
      "byte 100: unknown camera model 11; COLMAP's models 0 to 10"},
     {"cameras.bin", 12, 4, UINT32_MAX, SGS_STATUS_UNSUPPORTED, "byte 12: unknown camera model -1"},
+    {"cameras.bin", 12, 4, SGS_CAMERA_EQUIRECTANGULAR, SGS_STATUS_UNSUPPORTED,
+     "byte 12: unknown camera model 100"},
     {"images.bin", 0, 8, 100, SGS_STATUS_FORMAT, "images.bin: byte 0: declares 100 images"},
     {"images.bin", 0, 8, (uint64_t)1 << 60, SGS_STATUS_FORMAT,
      "byte 0: declares 1152921504606846976 images"},

@@ -66,16 +66,28 @@ static long fail_damaged(const char *path, long offset)
     return -1;
 }
 
-// True if a record follows where a region of the record at `offset` would be: that record is not
-// the last one, although its regions exceed the file.
-static bool record_follows(FILE *stream, long offset, long size, uint32_t iteration)
+// True if a record follows anywhere behind the header at `offset`: that record is not the last one,
+// although its regions exceed the file.
+static bool record_follows(FILE *stream, long offset, uint32_t iteration)
 {
-    const long record = (long)sizeof(record_header), region = (long)sizeof(sgs_region);
     record_header header;
-    for (long at = offset + record; at <= size - record; at += region)
-        if (!fseek(stream, at, SEEK_SET) && fread(&header, sizeof header, 1, stream) == 1 &&
-            is_header(&header) && header.iteration >= iteration)
+    char last[sizeof magic] = {0};
+    if (fseek(stream, offset + (long)sizeof header, SEEK_SET))
+        return false;
+    for (int byte; (byte = fgetc(stream)) != EOF;) {
+        memmove(last, last + 1, sizeof last - 1);
+        last[sizeof last - 1] = (char)byte;
+        if (memcmp(last, magic, sizeof magic))
+            continue;
+        const long after = ftell(stream);
+        if (fseek(stream, after - (long)sizeof magic, SEEK_SET) ||
+            fread(&header, sizeof header, 1, stream) != 1)
+            return false;
+        if (is_header(&header) && header.iteration >= iteration)
             return true;
+        if (fseek(stream, after, SEEK_SET))
+            return false;
+    }
     return false;
 }
 
@@ -86,8 +98,7 @@ static bool is_cut(FILE *stream, const record_header *header)
     const long at = ftell(stream);
     if (!exceeds(stream, header))
         return false;
-    const bool cut =
-        !record_follows(stream, at - (long)sizeof *header, size_of(stream), header->iteration);
+    const bool cut = !record_follows(stream, at - (long)sizeof *header, header->iteration);
     return !fseek(stream, at, SEEK_SET) && cut;
 }
 
@@ -113,7 +124,7 @@ static long end_of_records(const char *path, FILE *stream, int iteration)
         if (!wanted && keep < 0)
             keep = at;
         if (header.count > (unsigned long)(size - at - record) / sizeof(sgs_region)) {
-            if (wanted && record_follows(stream, at, size, header.iteration))
+            if (wanted && record_follows(stream, at, header.iteration))
                 return fail_damaged(path, at);
             break;
         }

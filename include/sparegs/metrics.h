@@ -15,7 +15,8 @@ extern "C" {
 #endif
 
 // Quantises planar float RGB ([3][height*width], display values) as 3DGS does: floor(clamp(255 v +
-// 0.5, 0, 255)); NaN becomes 0. If `transmittance` is not NULL, adds `background` times it.
+// 0.5, 0, 255)); NaN becomes 0. In C, planes of sgs_frame need a cast: (const float *const *). If
+// `transmittance` is not NULL, adds `background` times it.
 // Allocates out->pixels; release it with sgs_image8_free. Fails with INVALID_ARGUMENT (size, NULL
 // planes) or OUT_OF_MEMORY; *out is then empty.
 SGS_API sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,

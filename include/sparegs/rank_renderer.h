@@ -6,6 +6,8 @@
 // all primitives. Every image has the same bits as that of sgs_renderer_render. With one rank, or
 // if the model fits into the memory of each rank, use sgs_renderer on different views instead,
 // which needs no communication.
+//
+// Threads: one call at a time on each rank, and with the object of `ranks`, whose calls they are.
 
 #include "sparegs/ranks.h"
 #include "sparegs/render.h"

@@ -46,8 +46,11 @@ static inline bool sgs_box_contains(const sgs_box *box, const float point[3])
 static inline float sgs_box_face_distance(const sgs_box *box, const float point[3])
 {
     float least = INFINITY;
-    for (int k = 0; k < 3; ++k)
-        least = fminf(least, fminf(point[k] - box->low[k], box->high[k] - point[k]));
+    for (int k = 0; k < 3; ++k) {
+        const float low = point[k] - box->low[k], high = box->high[k] - point[k];
+        least = low < least ? low : least;
+        least = high < least ? high : least;
+    }
     return least;
 }
 

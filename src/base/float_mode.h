@@ -22,6 +22,23 @@ static inline void sgsi_leave_float_mode(sgsi_float_mode mode)
 {
     _mm_setcsr(mode);
 }
+#elif defined(__aarch64__)
+#include <stdint.h>
+
+typedef uint64_t sgsi_float_mode;
+
+static inline sgsi_float_mode sgsi_enter_float_mode(void)
+{
+    sgsi_float_mode mode;
+    __asm__ __volatile__("mrs %0, fpcr" : "=r"(mode));
+    __asm__ __volatile__("msr fpcr, %0" : : "r"(mode | UINT64_C(1) << 24)); // FZ
+    return mode;
+}
+
+static inline void sgsi_leave_float_mode(sgsi_float_mode mode)
+{
+    __asm__ __volatile__("msr fpcr, %0" : : "r"(mode));
+}
 #else
 typedef int sgsi_float_mode;
 

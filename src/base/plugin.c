@@ -40,17 +40,18 @@ static bool program_folder(char folder[PATH_MAX])
 void *sgsi_plugin_load(const char *folder, const char *file, bool global, char *reason,
                        size_t bytes)
 {
-    static const char *const places[] = {"", "/../lib/sparegs"};
     if (folder)
         return load_from(folder, file, global, reason, bytes);
     char program[PATH_MAX], place[PATH_MAX];
     if (!program_folder(program))
         return NULL;
     void *plugin = NULL;
-    for (size_t p = 0; p < 2 && !plugin; ++p)
-        if (snprintf(place, sizeof place, "%s%s", program, places[p]) < (int)sizeof place)
-            plugin = load_from(place, file, global, reason, bytes);
-    return plugin;
+    const bool absolute = SGSI_PLUGIN_DIR[0] == '/';
+    if (snprintf(place, sizeof place, "%s%s%s", absolute ? "" : program, absolute ? "" : "/",
+                 SGSI_PLUGIN_DIR) >= (int)sizeof place)
+        place[0] = 0;
+    plugin = load_from(program, file, global, reason, bytes);
+    return plugin || !place[0] ? plugin : load_from(place, file, global, reason, bytes);
 }
 
 bool sgsi_plugin_find(void *plugin, const char *name, void *function, char *reason, size_t bytes)

@@ -17,7 +17,25 @@
 #include "base/cgroup_limits.h"
 #include "base/core.h"
 
+#ifdef SGSI_X86
+#include <cpuid.h>
+#endif
+
 static atomic_int chosen_isa = -1; // detected at the first call
+
+#ifdef SGSI_X86
+// All extensions that the AVX2 kernels are compiled with. A virtual machine may hide some: lzcnt,
+// for example, is then executed as bsr, with another result.
+static bool has_avx2(void)
+{
+    unsigned a, b, c, d, c1 = 0;
+    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma") ||
+        !__get_cpuid(1, &a, &b, &c1, &d) || !(c1 & bit_F16C) || !(c1 & bit_POPCNT) ||
+        !__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & bit_BMI) || !(b & bit_BMI2))
+        return false;
+    return __get_cpuid(0x80000001, &a, &b, &c, &d) && (c & bit_LZCNT);
+}
+#endif
 
 bool sgs_isa_supported(sgs_isa isa)
 {
@@ -26,12 +44,11 @@ bool sgs_isa_supported(sgs_isa isa)
         return true;
 #ifdef SGSI_X86
     case SGS_ISA_AVX2:
-        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
-               __builtin_cpu_supports("bmi2");
+        return has_avx2();
     case SGS_ISA_AVX512:
-        return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-               __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-               __builtin_cpu_supports("fma");
+        return has_avx2() && __builtin_cpu_supports("avx512f") &&
+               __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+               __builtin_cpu_supports("avx512vl");
 #endif
     default:
         return false;

@@ -94,7 +94,7 @@ sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks)
     *ranks = NULL;
     if (count < 2)
         return SGS_STATUS_OK;
-    char reason[512] = "it is not installed next to the program or in ../lib/sparegs";
+    char reason[512] = "it is not installed next to the program or in " SGSI_PLUGIN_DIR;
     sgsi_transport transport;
     if (!find_plugin(folder, found->plugin, &transport, reason, sizeof reason))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,

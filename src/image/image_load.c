@@ -14,7 +14,7 @@
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static bool loaded;
-static char reason[512] = "it is neither next to the program nor in ../lib/sparegs";
+static char reason[512] = "it is neither next to the program nor in " SGSI_PLUGIN_DIR;
 static sgsi_image_functions functions;
 
 static void load_plugin(void)

@@ -55,6 +55,7 @@ env SLURM_ARRAY_TASK_ID=1 SPAREGS="$temporary/stopped" bash -c "
     exec bash '$dir/blocks.sh' --iterations 90 ${options[*]}" >/dev/null 2>&1 || true
 run 1 merge "$dir" -o "$temporary/merged"
 reports "blocks/block_"
+check block_1_was_stopped jq -e '.stop_reason == "time_limit" and .iterations > 0 and .iterations < 90' "$dir/block_1/summary.json"
 check blocks_resume bash "$dir/blocks.sh" --iterations 90 "${options[@]}"
 check resumed_block_has_the_same_bits test \
     "$(jq -r .model_hash "$dir/block_1/summary.json")" = "$(jq -r .model_hash "$temporary/straight/summary.json")"

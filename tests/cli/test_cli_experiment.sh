@@ -65,7 +65,9 @@ flock -n 9
 exec 9>&-
 grep -q "mip, off, seed 0: in use by another experiment, skipped" "$folder/error" || { cat "$folder/error"; exit 1; }
 grep -q "other experiments worked on 1 of 5 runs" "$folder/error" || { cat "$folder/error"; exit 1; }
-[ ! -e "$kept/summary.json" ] && [ -e "$lost/summary.json" ] && [ "$(jq '.runs | length' "$folder/out/results.json")" = 4 ]
+[ ! -e "$kept/summary.json" ]
+[ -e "$lost/summary.json" ]
+[ "$(jq '.runs | length' "$folder/out/results.json")" = 4 ]
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
 [ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
 

@@ -114,9 +114,12 @@ check same_results test "$(jq -c "$results" "$temporary/plan1/results.json")" = 
 json "$temporary/plan3/results.json" '.runs | length == 4'
 
 # ---- Resuming on another number of ranks, and without MPI ----
-run 0 train "${common[@]}" --iterations 200 -o "$temporary/whole"
-ranks 0 3 train "${common[@]}" --iterations 200 --time-limit 5s --checkpoint-every 20 -o "$temporary/part"
-ranks 0 2 train "${common[@]}" --iterations 200 --resume --checkpoint-every 20 -o "$temporary/part"
+run 0 train "${common[@]}" -o "$temporary/whole"
+ranks 0 3 train "${common[@]}" --checkpoint-every 50 -o "$temporary/part"
+# As if it had been killed after the checkpoint of iteration 100.
+mv "$temporary/part/checkpoint/state.previous.bin" "$temporary/part/checkpoint/state.bin"
+rm "$temporary/part/summary.json"
+ranks 0 2 train "${common[@]}" --resume --checkpoint-every 50 -o "$temporary/part"
 same_hash whole part
 
 # A rank is killed: the launcher ends the job; the checkpoint is whole.

@@ -28,7 +28,7 @@ feature_extractor) echo "Processed file [1/3]"; echo x >"$(value --database_path
 mapper)
     out=$(value --output_path "$@")
     [ -z "${FAIL:-}" ] || { echo "loading"; echo "ERROR: the database is empty" >&2; exit 7; }
-    [ -z "${SLOW:-}" ] || { sleep 60; }
+    [ -z "${SLOW:-}" ] || { echo $$ >"$CALLS.pid"; exec sleep 60; }
     [ -z "${NONE:-}" ] || exit 0
     for k in 0 1; do
         mkdir -p "$out/$k"
@@ -217,9 +217,10 @@ reports "not a COLMAP camera model"
 SLOW=1 PATH=$bin:$PATH "$program" reconstruct "$photos" -o "$temporary/sixth" --quiet 2>"$temporary/stderr" &
 child=$!
 for _ in $(seq 100); do
-    [ -e "$temporary/sixth/colmap/mapper.log" ] && break
+    [ -s "$CALLS.pid" ] && break
     sleep 0.1
 done
+check colmap_runs kill -0 "$(cat "$CALLS.pid")"
 kill -TERM "$child"
 status=0
 wait "$child" || status=$?

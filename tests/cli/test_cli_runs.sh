@@ -234,7 +234,7 @@ touch "$temporary/foreign/point_cloud/iteration_30000/point_cloud.ply"
 for option in --quiet --overwrite; do
     run 1 train "${data[@]}" -o "$temporary/foreign" --iterations 3 $option
     one_line
-    reports "foreign: contains point_cloud, but no config.json: the output of another program"
+    reports "foreign: contains models, but no config.json: the output of another program"
 done
 check only_the_model_is_there test "$(cd "$temporary/foreign" && find . -type f)" = "./point_cloud/iteration_30000/point_cloud.ply"
 

@@ -13,10 +13,14 @@ cp "$temporary/stdout" "$temporary/help"
 run 0 help
 check help_of_help_is_the_help cmp "$temporary/stdout" "$temporary/help"
 for command in train eval render info reconstruct; do prints "  $command"; done
-for command in train eval render info reconstruct; do
+for command in $("$program" help --json | jq -r '.commands[].command'); do
     run 0 help "$command"
     prints "Usage: sparegs $command"
-    prints "--threads N"
+    case $command in
+    experiment) ;; # its plan sets the threads
+    bench) prints "--threads A,B,..." ;;
+    *) prints "--threads N" ;;
+    esac
     cp "$temporary/stdout" "$temporary/help"
     run 0 "$command" --help
     if [ $command = render ]; then

@@ -8,9 +8,10 @@ set -u
 # shellcheck source-path=SCRIPTDIR source=cli_support.sh
 source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
 cd "$SPAREGS_SOURCE" || exit 1
-cmake --preset asan >/dev/null && cmake --build build/asan -j "$(nproc)" --target sparegs-cli | grep -E 'warning:|error:'
+cmake --preset asan -B "$SPAREGS_BUILD/asan" >/dev/null || exit 1
+cmake --build "$SPAREGS_BUILD/asan" -j "$(nproc)" --target sparegs-cli >"$temporary/build.log" || { tail "$temporary/build.log"; exit 1; }
 run 0 train "$room" -o "$temporary/run" --iterations 60 --downscale 8 --quiet
-sanitized=build/asan/sparegs
+sanitized=$SPAREGS_BUILD/asan/sparegs
 last_command="sparegs view"
 "$sanitized" view "$temporary/run" "$room" --downscale 8 --port 0 >"$temporary/url" 2>"$temporary/stderr" &
 server=$!

@@ -7,6 +7,11 @@
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
 tests=(test_colmap test_transforms test_ply_errors test_checkpoint test_spare test_renderer_gradient test_scene_create)
-cmake --preset asan >/dev/null
-cmake --build build/asan -j "$(nproc)" --target "${tests[@]}" fit_image render_ply | grep -E 'warning:|error:' || true
-exec ctest --test-dir build/asan --output-on-failure -R "^($(IFS='|' && echo "${tests[*]}")|test_examples)\$"
+build=$SPAREGS_BUILD/asan
+cmake --preset asan -B "$build" >/dev/null
+mkdir -p "$build"
+if ! cmake --build "$build" -j "$(nproc)" --target "${tests[@]}" fit_image render_ply >"$build/build.log" 2>&1; then
+    grep -E 'warning:|error:' "$build/build.log" || tail -n 20 "$build/build.log"
+    exit 1
+fi
+exec ctest --test-dir "$build" --no-tests=error --output-on-failure -R "^($(IFS='|' && echo "${tests[*]}")|test_examples)\$"

@@ -5,6 +5,24 @@
 # The whole default suite under the address, undefined-behaviour and leak sanitizers. SUITE=regex selects tests.
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
-cmake --preset asan >/dev/null
-cmake --build build/asan -j "${JOBS:-$(nproc)}"
-exec ctest --test-dir build/asan --output-on-failure -R "${SUITE:-.}" -E 'test_package|test_setup' --timeout 1800
+
+# A planted fault ends a program with an error.
+planted=$(mktemp -d)
+trap 'rm -rf "$planted"' EXIT
+cat >"$planted/overflow.c" <<'C'
+#include <limits.h>
+
+int main(int argc, char **argv)
+{
+    (void)argv;
+    return INT_MAX + argc < 0;
+}
+C
+flags=$(sed -n 's/.*INTERFACE -O1.*\(-fsanitize=address.*\)/\1/p' CMakeLists.txt)
+"${CC:-cc}" -g $flags "$planted/overflow.c" -o "$planted/overflow"
+if "$planted/overflow" 2>/dev/null; then echo "FAIL: an overflow is not seen"; exit 1; fi
+
+build=$SPAREGS_BUILD/asan
+cmake --preset asan -B "$build" >/dev/null
+cmake --build "$build" -j "${JOBS:-$(nproc)}"
+ctest --test-dir "$build" --no-tests=error --output-on-failure -R "${SUITE:-.}" -E 'test_package|test_setup' --timeout 1800

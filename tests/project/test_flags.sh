@@ -31,7 +31,8 @@ jq 'map(select(.file | endswith("image_oiio.cpp") | not))' "$commands" >"$tempor
 [ "$(unmarked "$temporary/missing.json")" = spare/spare.c ] || { echo "FAIL: a missing flag is not seen"; exit 1; }
 [ "$(unmarked "$temporary/later.json")" = bvh/bvh.c ] || { echo "FAIL: a later flag is not seen"; exit 1; }
 [ "$(unmarked "$temporary/absent.json")" = src/image/image_oiio.cpp ] || { echo "FAIL: a missing file is not seen"; exit 1; }
-jq -r '.[].command' "$commands" | grep -oE -- '-(I|isystem )[^ ]+' | sed -E 's/^-(I|isystem )//' | sort -u >"$temporary/folders"
+# Quotes are those of a path with blanks.
+jq -r '.[].command' "$commands" | grep -oE -- '-(I|isystem )("[^"]+"|[^ "]+)' | sed -E 's/^-(I|isystem )//; s/"//g' | sort -u >"$temporary/folders"
 while read -r folder; do
     [ -d "$folder" ] || { echo "FAIL: the include folder $folder does not exist"; exit 1; }
 done <"$temporary/folders"

@@ -2,7 +2,8 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# setup_without_apt_lists_the_packages: without dpkg and apt-get, tools/setup.sh prints the packages and exits.
+# setup_without_apt_lists_the_packages: without dpkg and apt-get, tools/setup.sh prints the packages and succeeds, so that
+# demo.sh and test.sh build with the libraries that are there.
 set -euo pipefail
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
@@ -10,12 +11,12 @@ for tool in bash cut id; do ln -s "$(command -v $tool)" "$temporary/$tool"; done
 
 status=0
 PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" >"$temporary/out" 2>"$temporary/err" || status=$?
-[ "$status" -eq 1 ] || { echo "FAIL: status $status"; cat "$temporary/err"; exit 1; }
+[ "$status" -eq 0 ] || { echo "FAIL: status $status"; cat "$temporary/err"; exit 1; }
 for package in cmake libembree-dev libopenimageio-dev libjansson-dev; do
     grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: $package is not in the list"; cat "$temporary/err"; exit 1; }
 done
 # setup_for_the_long_tests_lists_more
-PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" --long 2>"$temporary/err" && { echo "FAIL: --long succeeds"; exit 1; }
+PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" --long 2>"$temporary/err"
 for package in cmake clang cppcheck clang-tidy gcovr colmap; do
     grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: --long does not list $package"; cat "$temporary/err"; exit 1; }
 done

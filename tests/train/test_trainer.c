@@ -75,10 +75,12 @@ static void bits_do_not_depend_on_threads_or_vector_width(void **state)
     const sgs_train_options options = short_run(120);
     char reference[17] = "";
     const sgs_isa best = sgs_isa_get();
-    for (int isa = SGS_ISA_AVX2; isa <= SGS_ISA_AVX512; ++isa) {
+    for (int isa = SGS_ISA_BASELINE; isa <= SGS_ISA_AVX512; ++isa) {
         if (!sgs_isa_supported((sgs_isa)isa))
             continue;
         sgs_isa_set((sgs_isa)isa);
+        if (isa == SGS_ISA_AVX2) // the only ones with fused operations on x86
+            reference[0] = 0;
         for (int threads = 1; threads <= 3; ++threads) {
             sgs_threads_set(threads);
             sgs_trainer *trainer = trainer_create(scene, &options);

@@ -27,6 +27,7 @@
 #include "run/exposure_file.h"
 #include "run/lock_file.h"
 #include "sparegs/model_file.h"
+#include "sparegs/run.h"
 #include "sparegs/runtime.h"
 
 enum { ROW_EVERY = 100 };
@@ -109,12 +110,13 @@ bool run_folder_has_results(const run_folder *folder)
 
 bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice)
 {
-    char *clouds = format_text("%s/point_cloud", folder->path);
-    const bool used = run_folder_is_used(folder),
-               foreign = !used && !folder->was_locked && file_exists(clouds);
-    free(clouds);
+    char model[4096];
+    int iteration;
+    const bool used = run_folder_is_used(folder);
+    const bool foreign = !used && !folder->was_locked &&
+                         !sgs_run_model_path(folder->path, model, sizeof model, &iteration);
     if (foreign)
-        fail_run("%s: contains point_cloud, but no config.json: the output of another program; "
+        fail_run("%s: contains models, but no config.json: the output of another program; "
                  "move it away, or choose another folder",
                  folder->path);
     else if (used && !overwrite)
@@ -611,9 +613,8 @@ bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
         saved = saved_too(saved, sgs_trainer_write_ply_filter_3d(trainer, filtered));
     char *exposure = format_text("%s/exposure.json", folder->path), // of the newest model
         *own = format_text("%s/point_cloud/iteration_%d/exposure.json", folder->path, iteration);
-    saved = (!group_leads() ||
-             (exposure_write(own, scene, trainer) && exposure_write(exposure, scene, trainer))) &&
-            saved;
+    saved = saved && (!group_leads() || (exposure_write(own, scene, trainer) &&
+                                         exposure_write(exposure, scene, trainer)));
     free(exposure);
     free(own);
     free(filtered);

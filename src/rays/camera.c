@@ -546,14 +546,15 @@ bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2], doubl
     double x[2];
     if (!undistort(l, y, x))
         return false;
-    const double r = hypot(x[0], x[1]);
     if (l->fisheye) {
-        const double scale = r > 0 ? sin(r) / r : 1;
+        const double r = hypot(x[0], x[1]), scale = r > 0 ? sin(r) / r : 1;
         direction[0] = x[0] * scale;
         direction[1] = x[1] * scale;
         direction[2] = cos(r);
     } else {
-        const double scale = 1 / hypot(r, 1);
+        const double square = x[0] * x[0] + x[1] * x[1] + 1, scale = 1 / sqrt(square);
+        if (!isfinite(square))
+            return false;
         direction[0] = x[0] * scale;
         direction[1] = x[1] * scale;
         direction[2] = scale;

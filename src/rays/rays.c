@@ -8,6 +8,7 @@
 #include "rays/rays.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "base/core.h"
@@ -168,34 +169,55 @@ static bool fill_tile(const direction_map *map, sgsi_tile_rays *tile, float leas
     return complete;
 }
 
-// Fills the tiles of all macrotiles. False when a tile sees more than its tangent plane can
-// represent, or a larger macrotile more than 60 degrees to a side, where rectangles of (u, v) bound
-// poorly.
-static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int macrotile_side)
+typedef struct tile_job {
+    sgsi_rays *rays;
+    const direction_map *map;
+    int macrotile_side;
+    atomic_bool incomplete;
+} tile_job;
+
+// Fills the tiles of a row of macrotiles.
+static void fill_tile_rows(void *context, size_t row, int thread)
 {
-    const float least = macrotile_side > 1 ? 0.5f : 0.05f;
-    for (int y = 0; y < rays->tiles_y; ++y)
+    (void)thread;
+    tile_job *job = context;
+    const int side = job->macrotile_side, first = (int)row * side;
+    const float least = side > 1 ? 0.5f : 0.05f;
+    const direction_map *map = job->map;
+    sgsi_rays *rays = job->rays;
+    for (int y = first; y < first + side && y < rays->tiles_y; ++y)
         for (int x = 0; x < rays->tiles_x; ++x) {
             sgsi_tile_rays *tile = &rays->tiles[y * rays->tiles_x + x];
             tile->x = x * SGSI_TILE;
             tile->y = y * SGSI_TILE;
-            const int corner_x = x % macrotile_side,
-                      corner_y = y % macrotile_side; // tile within its macrotile
+            const int corner_x = x % side, corner_y = y - first; // tile within its macrotile
             if (corner_x || corner_y) {
-                const sgsi_tile_rays *first = tile - corner_y * rays->tiles_x - corner_x;
-                memcpy(tile->frame, first->frame, sizeof tile->frame);
+                const sgsi_tile_rays *corner = tile - corner_y * rays->tiles_x - corner_x;
+                memcpy(tile->frame, corner->frame, sizeof tile->frame);
             } else {
                 memset(tile->frame, 0, sizeof tile->frame);
-                if (sum_directions(map, tile->x, tile->y, macrotile_side * SGSI_TILE, tile->frame))
+                if (sum_directions(map, tile->x, tile->y, side * SGSI_TILE, tile->frame))
                     normalize(tile->frame);
                 else
                     tile->frame[2] = 1.0f;
                 complete_frame(tile->frame);
             }
-            if (!fill_tile(map, tile, least))
-                return false;
+            if (!fill_tile(map, tile, least)) {
+                atomic_store_explicit(&job->incomplete, true, memory_order_relaxed);
+                return;
+            }
         }
-    return true;
+}
+
+// Fills the tiles of all macrotiles. False when a tile sees more than its tangent plane can
+// represent, or a larger macrotile more than 60 degrees to a side, where rectangles of (u, v) bound
+// poorly.
+static bool fill_tiles(sgsi_rays *rays, const direction_map *map, int macrotile_side)
+{
+    tile_job job = {.rays = rays, .map = map, .macrotile_side = macrotile_side};
+    const size_t rows = (size_t)((rays->tiles_y + macrotile_side - 1) / macrotile_side);
+    sgsi_parallel_for(rows, 1, fill_tile_rows, &job);
+    return !job.incomplete;
 }
 
 // The tangent is limited to 20 (87 degrees): boxes dilated by 20 times their farthest distance
@@ -206,8 +228,19 @@ static float cone_tangent(float versine)
     return sqrtf(widened * (2.0f - widened)) / (1.0f - widened);
 }
 
-static void fill_macrotile(sgsi_rays *rays, const direction_map *map, int macrotile)
+typedef struct macrotile_job {
+    sgsi_rays *rays;
+    const direction_map *map;
+    float *tan_cone; // [macrotiles]
+} macrotile_job;
+
+static void fill_macrotile(void *context, size_t macrotile_index, int thread)
 {
+    (void)thread;
+    const macrotile_job *job = context;
+    const direction_map *map = job->map;
+    sgsi_rays *rays = job->rays;
+    const int macrotile = (int)macrotile_index;
     const int size = rays->macrotile_side * SGSI_TILE, step = size / 4;
     const int x0 = macrotile % rays->macrotiles_x * size,
               y0 = macrotile / rays->macrotiles_x * size;
@@ -226,13 +259,45 @@ static void fill_macrotile(sgsi_rays *rays, const direction_map *map, int macrot
         rays->macrotile_valid[macrotile] |= 1u << i;
         for (int k = 0; k < 3; ++k)
             rays->macrotile_directions[macrotile][k][i] = direction[k];
-        rays->tan_cone =
-            fmaxf(rays->tan_cone, cone_tangent(widest_versine(map, x, y, step, step, direction)));
+        const float versine = widest_versine(map, x, y, step, step, direction);
+        job->tan_cone[macrotile] = fmaxf(job->tan_cone[macrotile], cone_tangent(versine));
     }
 }
 
-static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
+// Directions and valid cones of all macrotiles. False if out of memory.
+static bool fill_macrotiles(sgsi_rays *rays, const direction_map *map)
 {
+    const size_t count = (size_t)rays->macrotiles_x * (size_t)rays->macrotiles_y;
+    rays->macrotile_directions = sgsi_calloc(count, sizeof *rays->macrotile_directions);
+    rays->macrotile_valid = sgsi_calloc(count, sizeof *rays->macrotile_valid);
+    macrotile_job job = {rays, map, sgsi_calloc(count, sizeof *job.tan_cone)};
+    const bool complete = rays->macrotile_directions && rays->macrotile_valid && job.tan_cone;
+    if (complete)
+        sgsi_parallel_for(count, 8, fill_macrotile, &job);
+    for (size_t i = 0; i < count && complete; ++i)
+        rays->tan_cone = fmaxf(rays->tan_cone, job.tan_cone[i]);
+    sgsi_free(job.tan_cone);
+    return complete;
+}
+
+typedef struct row_job {
+    const direction_map *map;
+    const float *axis;
+    float *versine; // [height]
+} row_job;
+
+static void widest_of_row(void *context, size_t y, int thread)
+{
+    (void)thread;
+    const row_job *job = context;
+    const int width = job->map->camera->width;
+    job->versine[y] = widest_versine(job->map, 0, (int)y, width, 1, job->axis);
+}
+
+// False if out of memory.
+static bool fill_image_cone(sgsi_rays *rays, const direction_map *map)
+{
+    const size_t height = (size_t)map->camera->height;
     float axis[3] = {0.0f, 0.0f, 0.0f};
     for (int macrotile = 0; macrotile < rays->macrotiles_x * rays->macrotiles_y; ++macrotile)
         for (int i = 0; i < 16; ++i)
@@ -242,11 +307,19 @@ static void fill_image_cone(sgsi_rays *rays, const direction_map *map)
     if (!(dot(axis, axis) > 1e-6f))
         axis[2] = 1.0f;
     normalize(axis);
-    const float cosine =
-        1.0f - widest_versine(map, 0, 0, map->camera->width, map->camera->height, axis) - 1e-4f;
+    const row_job job = {map, axis, sgsi_alloc(height, sizeof *job.versine)};
+    if (!job.versine)
+        return false;
+    sgsi_parallel_for(height, 8, widest_of_row, (void *)&job);
+    float versine = 0.0f;
+    for (size_t y = 0; y < height; ++y)
+        versine = fmaxf(versine, job.versine[y]);
+    sgsi_free(job.versine);
+    const float cosine = 1.0f - versine - 1e-4f;
     memcpy(rays->axis, axis, sizeof axis);
     rays->cone_cos = fmaxf(cosine, -1.0f);
     rays->cone_sin = sqrtf(fmaxf(0.0f, 1.0f - rays->cone_cos * rays->cone_cos));
+    return true;
 }
 
 sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays)
@@ -287,14 +360,8 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_r
     made->macrotile_side = macrotile_side;
     made->macrotiles_x = (camera->width + macrotile - 1) / macrotile;
     made->macrotiles_y = (camera->height + macrotile - 1) / macrotile;
-    const size_t macrotile_count = (size_t)made->macrotiles_x * (size_t)made->macrotiles_y;
-    made->macrotile_directions = sgsi_calloc(macrotile_count, sizeof *made->macrotile_directions);
-    made->macrotile_valid = sgsi_calloc(macrotile_count, sizeof *made->macrotile_valid);
-    if (!made->macrotile_directions || !made->macrotile_valid)
+    if (!fill_macrotiles(made, &map) || !fill_image_cone(made, &map))
         goto out_of_memory;
-    for (size_t i = 0; i < macrotile_count; ++i)
-        fill_macrotile(made, &map, (int)i);
-    fill_image_cone(made, &map);
     sgsi_free(map.directions);
     *rays = made;
     return SGS_STATUS_OK;

@@ -32,14 +32,19 @@ static bool inside(double u, double v, const sgs_camera *camera)
            v >= -margin * camera->height && v <= (1 + margin) * camera->height;
 }
 
+// A row of the view's transform applied to a point.
+static double axis_distance(const sgs_pose *pose, int row, const double mean[3])
+{
+    return pose->rotation[3 * row] * mean[0] + pose->rotation[3 * row + 1] * mean[1] +
+           pose->rotation[3 * row + 2] * mean[2] + pose->translation[row];
+}
+
 // Depth at which a view samples a point; negative if it does not.
 static double sampled_depth(const sgs_view *view, const double mean[3], double near_limit)
 {
     double p[3], fx, fy, cx, cy, pixel[2];
     for (int row = 0; row < 3; ++row)
-        p[row] = view->pose.rotation[3 * row] * mean[0] +
-                 view->pose.rotation[3 * row + 1] * mean[1] +
-                 view->pose.rotation[3 * row + 2] * mean[2] + view->pose.translation[row];
+        p[row] = axis_distance(&view->pose, row, mean);
     if (sgs_camera_is_fisheye(view->camera.model)) {
         const double distance = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
         const bool seen = distance > near_limit && sgs_camera_project(&view->camera, p, pixel) &&
@@ -61,8 +66,11 @@ static void sample_range(void *context, size_t begin, size_t end, int thread)
         for (int k = 0; k < 3; ++k)
             mean[k] = (double)*sgs_gaussians_at(job->model, i, SGS_PARAM_MEAN + k);
         for (size_t v = 0; v < job->view_count; ++v) {
-            const double depth =
-                sampled_depth(&job->scene->views[job->views[v]], mean, job->near_limit);
+            const sgs_view *view = &job->scene->views[job->views[v]];
+            // Most views are farther away than the nearest one, by the axis or by the distance.
+            if (nearest >= 0.0 && axis_distance(&view->pose, 2, mean) >= nearest)
+                continue;
+            const double depth = sampled_depth(view, mean, job->near_limit);
             if (depth > 0.0 && (nearest < 0.0 || depth < nearest))
                 nearest = depth;
         }

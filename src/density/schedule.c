@@ -9,7 +9,7 @@
 //
 // Scaled to N iterations, f = N / 30 000: densification until N/2 (dash 0.9 N), one SH band per
 // N/30, checks for equilibrium every spare_interval * f, position rate decaying over N. The rules
-// for N < 30 000 below are chosen by measurement; tools/manual/schedules.md has the figures.
+// for N < 30 000 below are chosen by measurement; tools/experiments/schedules.md has the figures.
 // - Structural updates: 10 up to N = 7000, at least 20 iterations apart; growing as a power of N to
 //   the published number at 30 000.
 // - Gradient threshold: 1.7 times the published one up to N = 7000, decreasing to 1 at 30 000. At

@@ -9,7 +9,7 @@
 #include "base/core.h"
 #include "model/similarity.h"
 
-// For scales of 0: exp(-30) is 1e-13 world units.
+// For scales of 0: exp(-30) is 1e-13 scene units.
 static const float LEAST_LOG_SCALE = -30.0f;
 
 // Value for an infinite logit: ln((1 - 1e-6) / 1e-6). Alpha is clamped at 0.99 in any case, and the

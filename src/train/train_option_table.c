@@ -152,7 +152,8 @@ static const sgs_train_option table[] = {
      .low = -1,
      .high = 1,
      .values = "W",
-     .initial_text = "-1 = 0.2; 3dgs, mip, fastgs: up to 0.4 in short runs on large photos",
+     .initial_text = "-1 = automatic: 0.2; 3dgs, mip, fastgs: up to 0.4 in short runs with "
+                     "high-resolution images",
      .help = "weight of 1 - SSIM in the loss; the remaining weight is that of L1",
      .group = training,
      ALL_PIPELINES},
@@ -161,7 +162,8 @@ static const sgs_train_option table[] = {
      FIELD(ssim_sigma),
      .high = 3,
      .values = "S",
-     .initial_text = "0 = 1.5; 3dgs, mip, fastgs: down to 1 in short runs on large photos",
+     .initial_text = "0 = automatic: 1.5; 3dgs, mip, fastgs: down to 1 in short runs with "
+                     "high-resolution images",
      .help = "standard deviation of the SSIM window in the loss, in pixels",
      .group = training,
      ALL_PIPELINES},
@@ -173,8 +175,8 @@ static const sgs_train_option table[] = {
      .high = 1000,
      .values = "W",
      .initial_text = "0 = none",
-     .help = "weight of the mean absolute difference between rendered opacity and the images' "
-             "alpha",
+     .help = "weight of the mean absolute difference between the rendered alpha and the alpha "
+             "channel of the images",
      .group = training,
      ALL_PIPELINES},
     {.name = "opaque",
@@ -283,9 +285,10 @@ static const sgs_train_option table[] = {
      .high = 1e12,
      .values = "X",
      .unit = "x position learning rate",
-     .initial_text = "-1 = 500000; less in scaled runs below 30000 iterations, and 0 up to 7000, "
-                     "where the parts of a divided primitive are spread instead",
-     .help = "MCMC: noise on the positions of faint primitives",
+     .initial_text =
+         "-1 = automatic: 500000; less in scaled runs below 30000 iterations, and 0 up to 7000, "
+         "where the copies of a primitive are jittered instead",
+     .help = "MCMC: noise on the positions of low-opacity primitives",
      .group = base_pipelines,
      ONLY(MCMC)},
     {.name = "mcmc_opacity_loss",
@@ -316,7 +319,7 @@ static const sgs_train_option table[] = {
      .high = 1,
      .values = "X",
      .help = "MCMC: fraction of primitives added per 100 iterations of the 30000-iteration "
-             "schedule, up to the maximum number; in short scaled runs at most",
+             "schedule, up to the maximum number; an upper limit in short scaled runs",
      .group = base_pipelines,
      ONLY(MCMC)},
     {.name = "mcmc_start_opacity",

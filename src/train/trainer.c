@@ -347,6 +347,8 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
     }
     trainer->inconsistent = true;
     const sgs_status status = sgsi_trainer_update_structure(trainer, iteration, scores, info);
+    if (sgsi_trainer_is_shared(trainer)) // they have a row for each primitive of all ranks
+        sgsi_view_scores_free(&trainer->scores);
     if (!status)
         trainer->inconsistent = false;
     return status;

@@ -19,7 +19,7 @@
 #include "train/trainer_state.h"
 
 // Few points leave the space between the cameras and the objects empty. With many points, those
-// close to a camera fit its image alone (tools/manual/schedules.md).
+// close to a camera fit its image alone (tools/experiments/schedules.md).
 enum { PUBLISHED_POINTS = 100000, FEW_POINTS = 10000 };
 
 size_t sgs_train_random_points(const sgs_scene *scene, const sgs_train_options *options)

@@ -46,7 +46,7 @@ static const option common_options[] = {
     {.name = "json",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, json),
-     .help = "print the result as one JSON object on stdout; no effect on view"},
+     .help = "print the result as one JSON object on stdout; not supported by view"},
     {.name = "quiet",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, quiet),
@@ -391,7 +391,7 @@ static const option drawing_options[] = {
      .argument = "X",
      .initial = "0.2",
      .shown = "as trained, else 0.2, or less for a small scene",
-     .help = "near limit: ray hits up to this distance from the camera are ignored; world units"},
+     .help = "near limit: ray hits up to this distance from the camera are ignored; scene units"},
 };
 
 option_group drawing_group(drawing_values *values)

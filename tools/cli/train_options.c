@@ -109,7 +109,7 @@ static const option output_options[] = {
      .kind = OPTION_TEXT,
      .offset = AT(view_token),
      .argument = "T",
-     .shown = "SPAREGS_TOKEN, else random; none for 127.0.0.0/8",
+     .shown = "SPAREGS_TOKEN, else none for 127.0.0.0/8 and random for others",
      .needs = "view",
      .help = "token that the viewer requires: random, or 8 to 128 letters, digits, '-' or '_'; see "
              "'sparegs help view'"},

@@ -94,7 +94,7 @@ static const option compress_options[] = {
      .high = 1e6,
      .argument = "X",
      .initial = "1e-6",
-     .unit = "world units squared",
+     .unit = "scene units squared",
      .needs = "method=ghap",
      .help = "lower limit of the variances of a merged primitive"},
     {.name = "position-bits",

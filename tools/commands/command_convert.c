@@ -70,7 +70,7 @@ static const option convert_options[] = {
      .argument = "NAME,CMP,V[,...]",
      .shown = "none",
      .help = "keep primitives whose property satisfies the comparison; CMP is lt, lte, gt, gte, eq "
-             "or neq. opacity is 0 to 1, scale_0 to scale_2 are in world units, f_dc_0 to f_dc_2 "
+             "or neq. opacity is 0 to 1, scale_0 to scale_2 are in scene units, f_dc_0 to f_dc_2 "
              "are a colour; with the suffix _raw, stored values are compared. Several conditions "
              "are separated by commas"},
     {.name = "filter-opacity",
@@ -85,7 +85,7 @@ static const option convert_options[] = {
      .offset = offsetof(convert_values, floaters),
      .argument = "auto|SIZE[,OPACITY[,SHARE]]",
      .shown = "none",
-     .help = "keep connected primitives: voxels of SIZE world units (auto: 4 times the median "
+     .help = "keep connected primitives: voxels of SIZE scene units (auto: 4 times the median "
              "distance to the third neighbour) with a centre of at least OPACITY (0.1) form "
              "components; those with less than SHARE (0.01) of the primitives are dropped"},
     {.name = "filter-unseen",
@@ -139,8 +139,8 @@ static const option convert_options[] = {
      .offset = offsetof(convert_values, translate),
      .argument = "x,y,z",
      .shown = "none",
-     .unit = "world units",
-     .help = "move"},
+     .unit = "scene units",
+     .help = "translate, after scaling and rotating"},
     {.name = "antialiased",
      .kind = OPTION_CHOICE,
      .offset = offsetof(convert_values, antialiased),

@@ -43,7 +43,7 @@ static const option explain_options[] = {
      .offset = offsetof(explain_values, region),
      .argument = "X,Y,Z",
      .shown = "none",
-     .unit = "world units",
+     .unit = "scene units",
      .help = "report the region that contains this point, at all updates"},
 };
 

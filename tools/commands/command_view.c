@@ -47,7 +47,7 @@ static const option view_options_table[] = {
      .kind = OPTION_TEXT,
      .offset = offsetof(view_values, token),
      .argument = "T",
-     .shown = "SPAREGS_TOKEN, else random; none for 127.0.0.0/8",
+     .shown = "SPAREGS_TOKEN, else none for 127.0.0.0/8 and random for others",
      .help = "require this token: random, or 8 to 128 letters, digits, '-' or '_'. Other users of "
              "the machine can read it on the command line, but not in the environment variable "
              "SPAREGS_TOKEN"},

@@ -35,7 +35,7 @@
 #include "sparegs/metrics.h"
 
 #define DEPTHS(kind)                                                                               \
-    "depth.Z: mean distance of the hits " kind ", weighted by their contribution, world units; "   \
+    "depth.Z: mean distance of the hits " kind ", weighted by their contribution, scene units; "   \
     "depth_median.Z: distance of the hit that takes the transmittance to 0.5; depth_first.Z: "     \
     "distance of the first "                                                                       \
     "hit; 0 where there is none"
@@ -46,10 +46,10 @@ static const char axis_depth[] =
 
 static const char deep_ray_depth[] =
     "Z, ZBack: first and last hit of a sample, along the unit ray from the camera "
-    "centre, world units";
+    "centre, scene units";
 static const char deep_axis_depth[] =
     "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
-    "perpendicular to the image plane), world units";
+    "perpendicular to the image plane), scene units";
 
 // The scene-linear value of a model colour.
 static float light_of(const frame_files *files, float value)

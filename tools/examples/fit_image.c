@@ -25,7 +25,7 @@ enum {
     ITERATIONS = 600
 };
 static const float background[3] = {0.1f, 0.1f, 0.15f};
-static const double plane_distance = 2.0; // of the means from the camera, world units
+static const double plane_distance = 2.0; // of the means from the camera, scene units
 
 // Fitted parameters, one row per primitive, and the state of Adam.
 typedef struct fit {

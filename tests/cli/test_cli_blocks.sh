@@ -49,14 +49,14 @@ last_command="coarse.sh and blocks.sh"
 check coarse_trains bash "$dir/coarse.sh" --iterations 90 "${options[@]}"
 check block_0_trains env SLURM_ARRAY_TASK_ID=0 bash "$dir/blocks.sh" --iterations 90 "${options[@]}"
 run 0 train "$room" -o "$temporary/straight" --region "$dir/blocks.json:1" --init "$dir/coarse" --iterations 90 "${options[@]}"
-env SLURM_ARRAY_TASK_ID=1 SPAREGS="$temporary/stopped" bash -c "
-    printf '#!/bin/bash\nexec \"$program\" \"\$@\" --time-limit 2s\n' >'$temporary/stopped'
-    chmod +x '$temporary/stopped'
-    exec bash '$dir/blocks.sh' --iterations 90 ${options[*]}" >/dev/null 2>&1 || true
+env SLURM_ARRAY_TASK_ID=1 bash "$dir/blocks.sh" --iterations 90 --checkpoint-every 30 "${options[@]}" >/dev/null 2>&1
+# As if it had been killed after the checkpoint of iteration 60.
+mv "$dir/block_1/checkpoint/state.previous.bin" "$dir/block_1/checkpoint/state.bin"
+rm -r "$dir/block_1/summary.json" "$dir/block_1/point_cloud"
 run 1 merge "$dir" -o "$temporary/merged"
 reports "blocks/block_"
-check block_1_was_stopped jq -e '.stop_reason == "time_limit" and .iterations > 0 and .iterations < 90' "$dir/block_1/summary.json"
-check blocks_resume bash "$dir/blocks.sh" --iterations 90 "${options[@]}"
+check blocks_resume bash -c 'bash "$0" "${@:2}" 2>"$1"' "$dir/blocks.sh" "$temporary/stderr" --iterations 90 --downscale 16 --eval
+reports "block_1: resuming at iteration 60"
 check resumed_block_has_the_same_bits test \
     "$(jq -r .model_hash "$dir/block_1/summary.json")" = "$(jq -r .model_hash "$temporary/straight/summary.json")"
 

@@ -121,11 +121,11 @@ static int view_model(const char *name, const model_path *located, const view_va
     sgs_gaussians *model = NULL;
     options.address.port = values->port;
     view_address_host(values->address, &options.address);
-    if (!model_read(located, drawing, &model))
+    if ((values->export && !check_output(values->export)) || !model_read(located, drawing, &model))
         return EXIT_FAILED;
     session->source.drawing = *drawing;
-    const bool done = view_source_open(&session->source, model, located->iteration ? name : NULL,
-                                       located->iteration);
+    const bool done = view_source_open(
+        &session->source, model, located->iteration ? located->run : NULL, located->iteration);
     if (done && !session->source.folder) {
         const char *slash = strrchr(located->ply_path, '/');
         session->source.folder =

@@ -99,7 +99,7 @@ reports "--port has no effect with --export"
 run 2 view "$out" --export "$temporary/page.html" --background 1,1,1
 reports "--background has no effect with --export"
 run 1 view "$out" --export /proc/none/page.html
-reports "/proc/none: cannot be created"
+reports "/proc/none/page.html: cannot be written: /proc: "
 one_line
 check no_message_of_a_server bash -c "! grep -q Ctrl-C '$temporary/stderr'"
 

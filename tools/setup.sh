@@ -33,8 +33,8 @@ if [ "${1:-}" = --long ]; then
         slurm-wlm munge                  # the job script of tools/manual/cluster.md
         chromium                         # the pages of `report` and `view`
         python3-torch                    # reference values of LPIPS and RAP
+        clang-16                         # another compiler, on Debian 12
     )
-    packages+=(clang-16) # another compiler, on Debian 12
 fi
 
 missing=()

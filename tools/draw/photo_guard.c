@@ -28,7 +28,8 @@ bool photo_guard_admits(const sgs_scene *scene, const char *folder, const char *
     bool admits = true;
     for (int k = 0; k < 2 && admits; ++k) {
         char *path = format_text("%s/%s.%s", folder, stem, endings[k]);
-        for (size_t v = 0; scene && v < scene->view_count && admits && file_exists(path); ++v) {
+        const size_t views = scene && file_exists(path) ? scene->view_count : 0;
+        for (size_t v = 0; v < views && admits; ++v) {
             const sgs_view *view = &scene->views[v];
             admits = !is_file(path, view->image_path) && !is_file(path, view->mask_path);
         }

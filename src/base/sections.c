@@ -15,6 +15,7 @@
 
 #include <errno.h>
 #include <string.h>
+#include <unistd.h>
 #include <xxhash.h>
 
 #include "sparegs/output_file.h"
@@ -30,7 +31,8 @@ enum {
     HEADER_BYTES = 32,
     PROGRAM_AT = 16, // since version 4
     SECTION_HEADER_BYTES = SGSI_SECTION_NAME + 8,
-    DIGEST_BYTES = 8
+    DIGEST_BYTES = 8,
+    CHUNK_BYTES = 1 << 20
 };
 
 // ---- writing ----
@@ -112,6 +114,21 @@ static sgs_status fail_format(const sgsi_sections *sections, size_t at, const ch
                      sections->path, at, what);
 }
 
+static sgs_status read_at(const sgsi_sections *sections, size_t at, void *data, size_t bytes)
+{
+    for (size_t done = 0; done < bytes;) {
+        const ssize_t got =
+            pread(fileno(sections->input), (char *)data + done, bytes - done, (off_t)(at + done));
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got <= 0)
+            return sgsi_fail(SGS_STATUS_IO, "%s: byte %zu: read error: %s", sections->path,
+                             at + done, got ? strerror(errno) : "the file was truncated");
+        done += (size_t)got;
+    }
+    return SGS_STATUS_OK;
+}
+
 static const sgsi_section *look_up(const sgsi_sections *sections, const char *name)
 {
     for (size_t i = 0; i < sections->count; ++i)
@@ -120,16 +137,20 @@ static const sgsi_section *look_up(const sgsi_sections *sections, const char *na
     return NULL;
 }
 
-// Walks the section headers of bytes[HEADER_BYTES .. size).
+// Walks the section headers of bytes HEADER_BYTES to size of the file.
 static sgs_status read_table(sgsi_sections *sections, size_t size)
 {
     for (size_t at = HEADER_BYTES;;) {
         if (size - at < SECTION_HEADER_BYTES)
             return fail_format(sections, at, "end of the section list is missing");
+        char header[SECTION_HEADER_BYTES];
+        const sgs_status status = read_at(sections, at, header, sizeof header);
+        if (status)
+            return status;
         sgsi_section section = {.at = at + SECTION_HEADER_BYTES};
-        memcpy(section.name, sections->bytes + at, SGSI_SECTION_NAME);
+        memcpy(section.name, header, SGSI_SECTION_NAME);
         uint64_t bytes;
-        memcpy(&bytes, sections->bytes + at + SGSI_SECTION_NAME, sizeof bytes);
+        memcpy(&bytes, header + SGSI_SECTION_NAME, sizeof bytes);
         if (!strcmp(section.name, end_name))
             return bytes == 0 && section.at == size
                        ? SGS_STATUS_OK
@@ -147,44 +168,72 @@ static sgs_status read_table(sgsi_sections *sections, size_t size)
 }
 
 // Files before version 4 do not name the program; all were written by sparegs 0.1.0.
-static sgs_status fail_version(const sgsi_sections *sections, uint32_t version)
+static sgs_status fail_version(const sgsi_sections *sections, const char *header, uint32_t version)
 {
     enum { FIRST_NAMED = 4 };
     char program[HEADER_BYTES - PROGRAM_AT + 1] = "0.1.0";
     if (version >= FIRST_NAMED)
-        memcpy(program, sections->bytes + PROGRAM_AT, HEADER_BYTES - PROGRAM_AT);
+        memcpy(program, header + PROGRAM_AT, HEADER_BYTES - PROGRAM_AT);
     return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                      "%s: written by sparegs %s in format %u; this program reads format %d: resume "
                      "with the program that wrote it, or start a new run",
                      sections->path, program, version, VERSION);
 }
 
+// Compares the first `size` bytes with the checksum after them.
+static sgs_status prove_checksum(const sgsi_sections *sections, size_t size)
+{
+    uint8_t *chunk = sgsi_alloc(CHUNK_BYTES, 1);
+    XXH64_state_t *hash = XXH64_createState();
+    sgs_status status = SGS_STATUS_OK;
+    if (!chunk || !hash)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", sections->path);
+    else
+        XXH64_reset(hash, 0);
+    for (size_t at = 0; at < size && !status;) {
+        const size_t bytes = size - at < CHUNK_BYTES ? size - at : CHUNK_BYTES;
+        status = read_at(sections, at, chunk, bytes);
+        if (!status)
+            XXH64_update(hash, chunk, bytes);
+        at += bytes;
+    }
+    uint64_t digest;
+    if (!status)
+        status = read_at(sections, size, &digest, sizeof digest);
+    if (!status && XXH64_digest(hash) != digest)
+        status =
+            sgsi_fail(SGS_STATUS_FORMAT, "%s: checksum mismatch; the file is truncated or corrupt",
+                      sections->path);
+    XXH64_freeState(hash);
+    sgsi_free(chunk);
+    return status;
+}
+
 static sgs_status prove(sgsi_sections *sections, size_t size)
 {
-    const char *path = sections->path;
+    char header[HEADER_BYTES] = {0};
     uint32_t version;
-    uint64_t digest;
-    if (size < HEADER_BYTES + SECTION_HEADER_BYTES + DIGEST_BYTES ||
-        memcmp(sections->bytes, magic, sizeof magic))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not a checkpoint", path);
-    memcpy(&version, sections->bytes + sizeof magic, sizeof version);
+    const bool fits = size >= HEADER_BYTES + SECTION_HEADER_BYTES + DIGEST_BYTES;
+    sgs_status status = fits ? read_at(sections, 0, header, sizeof header) : SGS_STATUS_OK;
+    if (status)
+        return status;
+    if (memcmp(header, magic, sizeof magic))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not a checkpoint", sections->path);
+    memcpy(&version, header + sizeof magic, sizeof version);
     if (version != VERSION)
-        return fail_version(sections, version);
-    size -= DIGEST_BYTES;
-    memcpy(&digest, sections->bytes + size, sizeof digest);
-    if (XXH64(sections->bytes, size, 0) != digest)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: checksum mismatch; the file is truncated or corrupt", path);
-    return read_table(sections, size);
+        return fail_version(sections, header, version);
+    status = prove_checksum(sections, size - DIGEST_BYTES);
+    return status ? status : read_table(sections, size - DIGEST_BYTES);
 }
 
 sgs_status sgsi_sections_open(sgsi_sections *sections, const char *path)
 {
     *sections = (sgsi_sections){.pass = SGSI_SECTIONS_CHECK, .path = path};
     size_t size;
-    sgs_status status = sgsi_file_read(path, 0, &sections->bytes, &size);
-    if (!status)
-        status = prove(sections, size);
+    sgs_status status = sgsi_file_open(path, &sections->input, &size);
+    if (status)
+        return status;
+    status = prove(sections, size);
     if (status)
         sgsi_sections_close(sections);
     return status;
@@ -192,18 +241,59 @@ sgs_status sgsi_sections_open(sgsi_sections *sections, const char *path)
 
 void sgsi_sections_close(sgsi_sections *sections)
 {
-    sgsi_free(sections->bytes);
-    sections->bytes = NULL;
+    for (size_t i = 0; i < sections->count; ++i)
+        sgsi_free(sections->table[i].content);
+    sections->count = 0;
+    fclose(sections->input);
+    sections->input = NULL;
 }
 
-const uint8_t *sgsi_sections_find(sgsi_sections *sections, const char *name, size_t *bytes)
+static sgs_status fail_missing(const sgsi_sections *sections, const char *name)
+{
+    return sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' is missing", sections->path, name);
+}
+
+sgs_status sgsi_sections_find(sgsi_sections *sections, const char *name, const uint8_t **content,
+                              size_t *bytes)
+{
+    const sgsi_section *found = look_up(sections, name);
+    if (!found)
+        return fail_missing(sections, name);
+    sgsi_section *section = &sections->table[found - sections->table];
+    section->known = true;
+    if (!section->content) {
+        uint8_t *block = sgsi_alloc(section->bytes + 1, 1);
+        if (!block)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for section '%s'",
+                             sections->path, name);
+        const sgs_status status = read_at(sections, section->at, block, section->bytes);
+        if (status) {
+            sgsi_free(block);
+            return status;
+        }
+        section->content = block;
+    }
+    *content = section->content;
+    *bytes = section->bytes;
+    return SGS_STATUS_OK;
+}
+
+size_t sgsi_sections_size(const sgsi_sections *sections, const char *name)
+{
+    const sgsi_section *section = look_up(sections, name);
+    return section ? section->bytes : 0;
+}
+
+sgs_status sgsi_sections_copy(const sgsi_sections *sections, const char *name, size_t from,
+                              void *data, size_t bytes)
 {
     const sgsi_section *section = look_up(sections, name);
     if (!section)
-        return NULL;
-    sections->table[section - sections->table].known = true;
-    *bytes = section->bytes;
-    return sections->bytes + section->at;
+        return fail_missing(sections, name);
+    if (from > section->bytes || bytes > section->bytes - from)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' has %zu bytes instead of %zu",
+                         sections->path, name, section->bytes, from + bytes);
+    return read_at(sections, section->at + from, data, bytes);
 }
 
 sgs_status sgsi_sections_checked(sgsi_sections *sections)
@@ -233,15 +323,17 @@ void sgsi_sections_begin(sgsi_sections *sections, const char *name, size_t bytes
         write_section_header(sections, name, bytes);
         return;
     }
-    size_t stored = 0;
-    sections->next = sgsi_sections_find(sections, name, &stored);
-    if (!sections->next)
-        sections->status =
-            sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' is missing", sections->path, name);
-    else if (stored != bytes)
+    const sgsi_section *section = look_up(sections, name);
+    if (!section) {
+        sections->status = fail_missing(sections, name);
+        return;
+    }
+    sections->table[section - sections->table].known = true;
+    sections->next = section->at;
+    if (section->bytes != bytes)
         sections->status =
             sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' has %zu bytes instead of %zu",
-                      sections->path, name, stored, bytes);
+                      sections->path, name, section->bytes, bytes);
 }
 
 void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)
@@ -257,7 +349,7 @@ void sgsi_sections_piece(sgsi_sections *sections, void *data, size_t bytes)
     if (sections->pass == SGSI_SECTIONS_WRITE)
         write_bytes(sections, data, bytes);
     if (sections->pass == SGSI_SECTIONS_READ) {
-        memcpy(data, sections->next, bytes);
+        sections->status = read_at(sections, sections->next, data, bytes);
         sections->next += bytes;
     }
 }

@@ -12,6 +12,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #include "base/core.h"
 #include "sparegs/output_file.h"
@@ -28,7 +29,8 @@ typedef enum sgsi_sections_pass {
 typedef struct sgsi_section {
     char name[SGSI_SECTION_NAME + 1];
     size_t at, bytes;
-    bool known; // requested in the CHECK pass
+    uint8_t *content; // of sgsi_sections_find, owned; NULL before
+    bool known;       // requested in the CHECK pass
 } sgsi_section;
 
 typedef struct sgsi_sections {
@@ -42,8 +44,8 @@ typedef struct sgsi_sections {
     sgs_output_file file;
     void *hash;
     // CHECK and READ
-    uint8_t *bytes;
-    const uint8_t *next;
+    FILE *input;
+    size_t next; // place of the next piece in the file
     sgsi_section table[SGSI_SECTIONS_MOST];
     size_t count;
 } sgsi_sections;
@@ -56,13 +58,21 @@ sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path);
 // Completes the file or, after a failure, removes it. Frees the memory of the struct in both cases.
 sgs_status sgsi_sections_commit(sgsi_sections *sections);
 
-// Reads a file and verifies magic, version, sizes and checksum. The pass is CHECK. On failure (IO,
+// Opens a file and verifies magic, version, sizes and checksum. The content stays in the file,
+// which may be larger than the memory, until it is asked for. The pass is CHECK. On failure (IO,
 // FORMAT, UNSUPPORTED, OUT_OF_MEMORY; the error names the file and the place) nothing needs to be
 // closed.
 sgs_status sgsi_sections_open(sgsi_sections *sections, const char *path);
 void sgsi_sections_close(sgsi_sections *sections);
-// Content of a section, or NULL if there is none of this name. Marks the section as known.
-const uint8_t *sgsi_sections_find(sgsi_sections *sections, const char *name, size_t *bytes);
+// Reads a section into memory of `sections`. FORMAT if there is none of this name, IO,
+// OUT_OF_MEMORY. Marks the section as known.
+sgs_status sgsi_sections_find(sgsi_sections *sections, const char *name, const uint8_t **content,
+                              size_t *bytes);
+// Size of a section; 0 if there is none of this name.
+size_t sgsi_sections_size(const sgsi_sections *sections, const char *name);
+// Copies bytes [from, from + bytes) of a section. FORMAT if it lacks them, IO.
+sgs_status sgsi_sections_copy(const sgsi_sections *sections, const char *name, size_t from,
+                              void *data, size_t bytes);
 // After the CHECK pass: the status, or FORMAT naming a section that was not requested.
 sgs_status sgsi_sections_checked(sgsi_sections *sections);
 

@@ -317,9 +317,10 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
 {
     const size_t views = trainer->views.count;
     size_t bytes;
-    const uint8_t *digests = sgsi_sections_find(sections, "scene", &bytes);
-    if (!digests)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'scene' is missing", sections->path);
+    const uint8_t *digests;
+    const sgs_status status = sgsi_sections_find(sections, "scene", &digests, &bytes);
+    if (status)
+        return status;
     if (bytes != views * sizeof(uint64_t))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "%s: the run started with %zu training views, but the scene has %zu; "
@@ -352,7 +353,10 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range",
                          sections->path);
     size_t bytes;
-    const uint8_t *order = sgsi_sections_find(sections, "order", &bytes);
+    const uint8_t *order;
+    const sgs_status status = sgsi_sections_find(sections, "order", &order, &bytes);
+    if (status)
+        return status;
     for (size_t i = 0; i < views; ++i) {
         uint32_t view;
         memcpy(&view, order + i * sizeof view, sizeof view);
@@ -367,13 +371,16 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
 static sgs_status read_size(sgsi_sections *sections, size_t *n)
 {
     size_t bytes;
-    const uint8_t *size = sgsi_sections_find(sections, "size", &bytes);
+    const uint8_t *size;
+    const sgs_status status = sgsi_sections_find(sections, "size", &size, &bytes);
+    if (status)
+        return status;
     uint64_t count = 0;
-    if (!size || bytes != sizeof count)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'size' is missing", sections->path);
+    if (bytes != sizeof count)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'size' has %zu bytes instead of %zu",
+                         sections->path, bytes, sizeof count);
     memcpy(&count, size, sizeof count);
-    const uint8_t *model = sgsi_sections_find(sections, "model", &bytes);
-    if (!model || count > bytes / (SGS_PARAM_COUNT * sizeof(float)))
+    if (count > sgsi_sections_size(sections, "model") / (SGS_PARAM_COUNT * sizeof(float)))
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: section 'size': %llu primitives do not fit into the section 'model'",
                          sections->path, (unsigned long long)count);
@@ -398,16 +405,18 @@ sgs_status sgs_checkpoint_gaussians(const char *path, size_t *gaussians)
 static sgs_status count_fixed(sgsi_sections *sections, const sgs_box *region, size_t n,
                               size_t *fixed)
 {
-    size_t bytes;
-    const uint8_t *model = sgsi_sections_find(sections, "model", &bytes);
+    float centers[3][SGS_LANES]; // of a block, which begins with them
     *fixed = 0;
     for (size_t i = 0; i < n && !sgs_box_is_infinite(region); ++i) {
-        float center[3];
-        for (size_t k = 0; k < 3; ++k)
-            memcpy(&center[k],
-                   model + sizeof(float) *
-                               (i / SGS_LANES * BLOCK_FLOATS + k * SGS_LANES + i % SGS_LANES),
-                   sizeof(float));
+        const size_t lane = i % SGS_LANES;
+        const sgs_status status =
+            lane ? SGS_STATUS_OK
+                 : sgsi_sections_copy(sections, "model",
+                                      i / SGS_LANES * BLOCK_FLOATS * sizeof(float), centers,
+                                      sizeof centers);
+        if (status)
+            return status;
+        const float center[3] = {centers[0][lane], centers[1][lane], centers[2][lane]};
         const bool own = sgs_box_contains(region, center);
         if (own && *fixed)
             return sgsi_fail(SGS_STATUS_FORMAT,
@@ -434,16 +443,16 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, contents 
     if (status)
         return status;
     size_t bytes;
-    const uint8_t *fields = sgsi_sections_find(sections, "progress", &bytes);
-    if (!fields)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'progress' is missing",
-                         sections->path);
+    const uint8_t *fields, *options;
+    status = sgsi_sections_find(sections, "progress", &fields, &bytes);
+    if (status)
+        return status;
     status = sgsi_progress_read(sections->path, fields, bytes, progress);
     if (status)
         return status;
-    const uint8_t *options = sgsi_sections_find(sections, "options", &bytes);
-    if (!options)
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the section 'options' is missing", sections->path);
+    status = sgsi_sections_find(sections, "options", &options, &bytes);
+    if (status)
+        return status;
     bool spare_changed;
     status = sgsi_options_compare(sections->path, options, bytes, &trainer->options,
                                   progress->iteration, &spare_changed);
@@ -555,8 +564,11 @@ static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, cons
         sections->pass = SGSI_SECTIONS_READ;
     state_visit visit = visit_of(sections, trainer, found->n, SGSI_SECTIONS_READ);
     visit_state(&visit);
-    if (visit.status)
-        return visit.status;
+    status = visit.status;
+    if (!status) // rank 0 alone knows that a read failed
+        status = sgs_ranks_agree(ranks, sections ? sections->status : SGS_STATUS_OK);
+    if (status)
+        return status;
     trainer->progress = *progress;
     sgsi_free((void *)trainer->regions.regions); // of the state before
     trainer->regions = (sgs_regions){0};

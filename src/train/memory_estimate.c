@@ -24,6 +24,8 @@ enum {
     // model with the distances of neighbours.
     COLUMN_BYTES = 150,
     INITIAL_BYTES = 300,
+    SCORE_BYTES = 93, // of pipelines that score views (view_scores.c)
+    TILE_BYTES = 4, // per tile of each view: depth bound; of several ranks also the cost of a cell
     VOXEL_BYTES = 44, // of the grid of SPARE-GS
     // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
     PIXEL_BYTES = 120,
@@ -31,7 +33,8 @@ enum {
     CANDIDATE_BYTES = 1560, // per thread and candidate of the fullest tile
     LIST_BYTES = 2800,      // per candidate of the fullest tile of an image of one tile
     CROWDING = 16,          // primitives in the fullest tile relative to the mean
-    TILE_PIXELS = 256,
+    TILE_WIDTH = 16,        // pixels
+    TILE_PIXELS = TILE_WIDTH * TILE_WIDTH,
     MOST_CAMERAS = 256 // number of cameras compared with each other
 };
 static const size_t RAY_LIMIT = (size_t)1 << 30;
@@ -68,10 +71,18 @@ static size_t grid_bytes(const sgs_train_options *options)
     return options->spare & (SGS_SPARE_BMD | SGS_SPARE_RAP) ? grid * grid * grid * VOXEL_BYTES : 0;
 }
 
-// Bytes for the primitives of a rank: its own ones, and what depends on all.
-static size_t row_bytes(size_t rows, size_t own_bytes, int ranks)
+static size_t tile_count(const sgs_camera *camera)
 {
-    const size_t trained = rows / (size_t)ranks * own_bytes + rows * COLUMN_BYTES,
+    const size_t width = (size_t)camera->width + TILE_WIDTH - 1,
+                 height = (size_t)camera->height + TILE_WIDTH - 1;
+    return width / TILE_WIDTH * (height / TILE_WIDTH);
+}
+
+// Bytes for the primitives of a rank: its own ones, and what depends on all.
+static size_t row_bytes(size_t rows, size_t own_bytes, bool scores, int ranks)
+{
+    const size_t columns = COLUMN_BYTES + (scores ? SCORE_BYTES : 0),
+                 trained = rows / (size_t)ranks * own_bytes + rows * columns,
                  initial = rows * INITIAL_BYTES;
     if (ranks < 2)
         return rows * own_bytes;
@@ -84,11 +95,12 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     sgs_train_options own = sgs_train_options_default();
     if (sgsi_options_read(options, "sgs_train_options", &own, sizeof own))
         return 0;
-    size_t largest = TILE_PIXELS;
+    size_t largest = TILE_PIXELS, tiles = 0;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
         const size_t pixels = (size_t)view->camera.width * (size_t)view->camera.height;
         largest = pixels > largest ? pixels : largest;
+        tiles += tile_count(&view->camera);
     }
     const bool cached = image_cache && scene->photo_bytes > image_cache;
     size_t photographs = cached ? image_cache : scene->photo_bytes;
@@ -100,6 +112,7 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
         cap && cap < gaussians && sgs_box_is_infinite(&own.region) ? cap : gaussians;
     const bool known = (unsigned)own.pipeline < SGS_PIPELINE_COUNT;
     const int shrinks = known ? sgsi_pipeline_get(own.pipeline)->small_images : 0;
+    const bool scores = known && sgsi_pipeline_get(own.pipeline)->score_views;
     const size_t shrinking = shrinks ? (size_t)shrinks : 1;
     const bool reduces =
         (shrinks || (known && !own.init && sgsi_train_schedule(scene, &own).half_size_until)) &&
@@ -114,6 +127,6 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +
            largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) +
-           row_bytes(rows, ROW_BYTES + batch_bytes, ranks < 1 ? 1 : ranks) + lists +
-           grid_bytes(&own);
+           row_bytes(rows, ROW_BYTES + batch_bytes, scores, ranks < 1 ? 1 : ranks) + lists +
+           tiles * TILE_BYTES * (ranks > 1 ? 2 : 1) + grid_bytes(&own);
 }

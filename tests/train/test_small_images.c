@@ -147,6 +147,34 @@ static void the_memory_of_the_grid_is_estimated(void **state)
     assert_true(bytes[1][1] - bytes[0][1] == 44 * ((size_t)(256 * 256 * 256) - 32 * 32 * 32));
 }
 
+// 4 bytes per tile and view, 8 with ranks, and the columns of the scores of Taming.
+static void the_memory_of_tiles_and_scores_is_estimated(void **state)
+{
+    (void)state;
+    sgs_train_options options = short_run();
+    const size_t n = scene->view_count, tiles = n * 60 * 34; // 960 x 540 pixels
+    sgs_view *views = malloc(2 * n * sizeof *views);
+    sgs_scene twice = *scene;
+    memcpy(views, scene->views, n * sizeof *views);
+    memcpy(views + n, scene->views, n * sizeof *views);
+    twice.views = views;
+    twice.view_count = 2 * n;
+    for (int ranks = 1; ranks <= 2; ++ranks) {
+        const size_t once = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks);
+        assert_int_equal(sgs_train_memory_per_rank(&twice, &options, 0, 1000, ranks) - once,
+                         tiles * (size_t)(4 * ranks));
+        options.pipeline = SGS_PIPELINE_TAMING;
+        const size_t few = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks),
+                     many = sgs_train_memory_per_rank(scene, &options, 0, 1000000, ranks);
+        options.pipeline = SGS_PIPELINE_MIP;
+        const size_t few_mip = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks),
+                     many_mip = sgs_train_memory_per_rank(scene, &options, 0, 1000000, ranks);
+        assert_int_equal((many - few) - (many_mip - few_mip), ranks > 1 ? 93 * 999000 : 0);
+        options.pipeline = SGS_PIPELINE_3DGS;
+    }
+    free(views);
+}
+
 // Photographs in half floats are not reduced.
 static void float_photographs_keep_their_size(void **state)
 {
@@ -270,6 +298,7 @@ int main(void)
         cmocka_unit_test(a_run_begins_with_half_the_size),
         cmocka_unit_test(the_schedule_is_known_before_the_photographs),
         cmocka_unit_test(the_memory_of_the_grid_is_estimated),
+        cmocka_unit_test(the_memory_of_tiles_and_scores_is_estimated),
         cmocka_unit_test(float_photographs_keep_their_size),
         cmocka_unit_test(a_resumed_run_has_the_same_sizes),
         cmocka_unit_test(runs_with_a_model_have_the_full_size),

@@ -96,7 +96,7 @@ static const option scene_options[] = {
     {.name = "eval",
      .kind = OPTION_FLAG,
      .offset = offsetof(scene_values, eval),
-     .help = "hold out the test views that the scene names, or else every 8th image (same as "
+     .help = "hold out the data set's own test split, or every 8th image if it has none (same as "
              "--test-every 8)"},
     {.name = "test-every",
      .kind = OPTION_INTEGER,

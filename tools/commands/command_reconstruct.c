@@ -32,9 +32,9 @@
 #include "sparegs/runtime.h"
 
 static const char description[] =
-    "Estimates the cameras of the photographs in the folder PHOTOS with COLMAP (the program "
+    "Estimates the cameras of the photos in the folder PHOTOS with COLMAP (the program "
     "`colmap`, 3.8 or newer, must be installed) and prepares SCENE for `sparegs train`: "
-    "SCENE/images is a link to the photographs, SCENE/sparse/0 is the model, SCENE/colmap holds "
+    "SCENE/images is a link to the photos, SCENE/sparse/0 is the model, SCENE/colmap holds "
     "the database and logs. Needs neither a display nor a GPU. An interrupted run resumes after "
     "the last completed stage. If SCENE/sparse/0 or SCENE/images exists and was not created by "
     "this command, it refuses to start.";
@@ -58,7 +58,7 @@ static const option reconstruct_options[] = {
      .offset = offsetof(reconstruct_values, matcher),
      .argument = "auto|exhaustive|sequential",
      .initial = "auto",
-     .shown = "auto: exhaustive for up to 150 photographs",
+     .shown = "auto: exhaustive for up to 150 photos",
      .help = "match all pairs of photos, or neighbours in the order of their names (video)"},
     {.name = "camera-model",
      .kind = OPTION_TEXT,
@@ -71,8 +71,8 @@ static const option reconstruct_options[] = {
      .offset = offsetof(reconstruct_values, cameras),
      .argument = "auto|shared|own",
      .initial = "auto",
-     .shown = "auto: shared if all photographs have the same size",
-     .help = "one camera for all photographs, or one per photograph"},
+     .shown = "auto: shared if all photos have the same size",
+     .help = "one camera for all photos, or one per photo"},
     {.name = "colmap",
      .kind = OPTION_TEXT,
      .offset = offsetof(reconstruct_values, colmap),

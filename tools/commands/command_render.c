@@ -94,7 +94,7 @@ static const option render_options[] = {
      .argument = "FILE",
      .shown = "none",
      .help = "use the cameras of this cameras.json, transforms.json, nerfstudio camera path or "
-             "COLMAP model folder instead of a SCENE; photographs are not required; --size sets "
+             "COLMAP model folder instead of a SCENE; photos are not required; --size sets "
              "the size of views without one"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
@@ -120,10 +120,10 @@ static const option render_options[] = {
      .low = 1,
      .high = 360,
      .argument = "DEG",
-     .shown = "the photographed arc",
+     .shown = "the arc of the photos",
      .unit = "degrees",
      .needs = "orbit",
-     .help = "angle of the orbit, centred on the photographed arc"},
+     .help = "angle of the orbit, centred on the arc of the photos"},
     {.name = "path-lens",
      .kind = OPTION_CHOICE,
      .offset = AT(path_lens),

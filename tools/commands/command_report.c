@@ -31,7 +31,7 @@ static const char description[] =
     "not: DIR/report.md and DIR/report.html. The page is one self-contained file: primitives over "
     "iterations, quality against primitives, size against quality of pruned and compressed models, "
     "seconds by phase, maps of the regions, renders next "
-    "to photographs, and a log of the structural updates.";
+    "to photos, and a log of the structural updates.";
 
 typedef struct report_values {
     const char *markdown, *html;

@@ -24,9 +24,9 @@ static const char description[] =
     "extend to infinity. A view belongs to a block if enough of its lines of sight to sparse "
     "points cross the cell of the block, enlarged by a margin.\nWrites into DIR:\n  blocks.json  "
     "boxes and views of the blocks\n  coarse.sh    trains a coarse model of the whole scene in "
-    "DIR/coarse\n  blocks.sh trains the blocks from it in DIR/block_N, in turn or as a Slurm array "
-    "job\nBoth scripts pass their arguments to 'sparegs train'. Afterwards, 'sparegs merge DIR -o "
-    "OUT' joins the blocks. The guide is in tools/manual/cluster.md.";
+    "DIR/coarse\n  blocks.sh    trains the blocks from it in DIR/block_N, in turn or as a Slurm "
+    "array job\nBoth scripts pass their arguments to 'sparegs train'. Afterwards, 'sparegs merge "
+    "DIR -o OUT' joins the blocks. The guide is in tools/manual/cluster.md.";
 
 typedef struct split_values {
     const char *output;
@@ -39,8 +39,7 @@ static const option split_options[] = {
      .kind = OPTION_FOLDER,
      .offset = offsetof(split_values, output),
      .argument = "DIR",
-     .shown = "required",
-     .help = "folder for the plan, the scripts and the blocks"},
+     .help = "folder for the plan, the scripts and the blocks (required)"},
     {.name = "blocks",
      .kind = OPTION_INTEGER,
      .offset = offsetof(split_values, plan.count),

@@ -138,6 +138,22 @@ for row in '^\| x \| 108 \| 10.0 ' '^\| 3dgs \| x \|.* 10.00 '; do
     grep -qE "$row" "$folder/one/report.md" || { echo "FAIL: no $row in:"; cat "$folder/one/report.md"; exit 1; }
 done
 if grep -q "Base pipelines" "$folder/one/report.md"; then echo "FAIL: a table of off and on"; exit 1; fi
+# Several seeds: mean and standard deviation (n - 1). Figures by hand: 28.1, 28.4 and 29.3 have the mean 28.6 and the
+# deviation sqrt((0.25 + 0.04 + 0.49) / 2) = 0.62; 10 and 13 have 11.5 and 2.1. The means over the scenes of variant x,
+# 19.05, 19.7 and 20.15, have 19.63 and 0.55.
+mkdir "$folder/seeds"
+jq -n '{plan: {pipelines: ["3dgs"], variants: [{name: "off"}, {name: "on"}, {name: "x"}], seeds: [0, 3, 4], scenes: [{name: "a"}, {name: "b"}]},
+    runs: [["off", "a", 0, 28.1, 10], ["off", "a", 3, 28.4, 10], ["off", "a", 4, 29.3, 10], ["on", "a", 4, 29, 10], ["on", "a", 0, 29, 13], ["off", "b", 0, 10, 7],
+        ["x", "a", 0, 28.1, 10], ["x", "a", 3, 28.4, 10], ["x", "a", 4, 29.3, 10], ["x", "b", 0, 10, 7], ["x", "b", 3, 11, 7], ["x", "b", 4, 11, 7] | . as $r |
+        {scene: $r[1], pipeline: "3dgs", variant: $r[0], seed: $r[2], folder: "none",
+         summary: {gaussians: 100, train_seconds: $r[4], test: {psnr: $r[3]}}}]}' >"$folder/seeds/results.json"
+"$SPAREGS_PROGRAM" report "$folder/seeds" --pictures 0 --maps 0 >/dev/null
+for row in '^\| pipeline \| scene \| seeds \| base s ' '^\| 3dgs \| a \| 3, 2 \| 10.0 ± 0.0 \| 100 ± 0 \| 28.60 ± 0.62 \|.*\| 11.5 ± 2.1 \| 100 ± 0 \| 29.00 ± 0.00 \|.*\| \+15.0 % \| \+0.0 % \| \+0.40 ' \
+    '^\| 3dgs \| b \| 1, 0 \| 7.0 \| 100 \| 10.00 ' '^\| 3dgs \| mean \|  \|.*\| \+15.0 % ' '^\| variant \| seeds \| N ' \
+    '^\| x \| 3 \| 100 ± 0 \| 8.5 ± 0.0 \| - \| 19.63 ± 0.55 ' '^\| off \| 3 \| 100 \| 9.2 \| - \| 23.95 '; do
+    grep -qE "$row" "$folder/seeds/report.md" || { echo "FAIL: no $row in:"; cat "$folder/seeds/report.md"; exit 1; }
+done
+if grep -q '±' "$folder/sets/report.md"; then echo "FAIL: a deviation of one seed"; exit 1; fi
 # LPIPS where the runs have it: +0.05 on x, 0 on y.
 jq '.runs[].summary.test.lpips = 0.2 | (.runs[] | select(.scene != "c" and .variant == "on")).summary.test.lpips = 0.25 |
     .plan.variants += [{name: "t"}] | .runs += [.runs[] | select(.variant == "on") | .variant = "t"]' "$folder/sets/results.json" >"$folder/sets/lpips.json"

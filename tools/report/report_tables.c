@@ -3,9 +3,9 @@
 
 // Tables as in the SPARE-GS paper: base pipelines without ("off") and with ("on") SPARE-GS and the
 // change; all variants of a pipeline; seconds per phase; runs that ended early. A cell is a mean
-// over seeds, a row over scenes the mean of the scenes' percentages, the last row a mean over
-// pipelines. With data sets in the plan, averages are those of Table I: percentages of the means of
-// a data set, weighted by its scenes.
+// over seeds, with their standard deviation if there are several, a row over scenes the mean of the
+// scenes' percentages, the last row a mean over pipelines. With data sets in the plan, averages are
+// those of Table I: percentages of the means of a data set, weighted by its scenes.
 
 #include "report/report_tables.h"
 
@@ -32,23 +32,86 @@ static double metric_of(const json_t *run, const char *metric)
     return json_is_number(at) ? json_number_value(at) : NAN;
 }
 
+// The metric of a run of a scene (of any if `scene` is NULL), a pipeline and a variant. NaN for
+// other runs.
+static double value_of(const json_t *run, const char *scene, const char *pipeline,
+                       const char *variant, const char *metric)
+{
+    const bool other = (scene && strcmp(scene, json_member_text(run, "scene"))) ||
+                       strcmp(pipeline, json_member_text(run, "pipeline")) ||
+                       strcmp(variant, json_member_text(run, "variant"));
+    return other ? NAN : metric_of(run, metric);
+}
+
 // Mean over seeds, and over scenes if `scene` is NULL. NaN if there is no such run.
 static double mean(const json_t *runs, const char *scene, const char *pipeline, const char *variant,
                    const char *metric)
 {
     double sum = 0, count = 0;
     for (size_t k = 0; k < json_array_size(runs); ++k) {
-        const json_t *run = json_array_get(runs, k);
-        const double value = metric_of(run, metric);
-        if ((scene && strcmp(scene, json_member_text(run, "scene"))) ||
-            strcmp(pipeline, json_member_text(run, "pipeline")) ||
-            strcmp(variant, json_member_text(run, "variant")) || isnan(value))
+        const double value = value_of(json_array_get(runs, k), scene, pipeline, variant, metric);
+        if (isnan(value))
             continue;
         sum += value;
         ++count;
     }
     return count > 0 ? sum / count : NAN;
 }
+
+// Sum of the metric over the runs of run `k`'s seed, and their number. Number 0 if an earlier run
+// has this seed, or if run `k` does not count.
+static double seed_sum(const json_t *runs, size_t k, const char *scene, const char *pipeline,
+                       const char *variant, const char *metric, int *number)
+{
+    const json_t *seed = json_object_get(json_array_get(runs, k), "seed");
+    double sum = 0;
+    *number = 0;
+    if (isnan(value_of(json_array_get(runs, k), scene, pipeline, variant, metric)))
+        return 0;
+    for (size_t j = 0; j < json_array_size(runs); ++j) {
+        const json_t *run = json_array_get(runs, j);
+        const double value = value_of(run, scene, pipeline, variant, metric);
+        if (isnan(value) || !json_equal(seed, json_object_get(run, "seed")))
+            continue;
+        if (j < k) {
+            *number = 0;
+            return 0;
+        }
+        sum += value;
+        ++*number;
+    }
+    return sum;
+}
+
+// Standard deviation (n - 1) over the n seeds of their means, and n. NaN with one seed, or if the
+// seeds have different numbers of scenes.
+static double deviation(const json_t *runs, const char *scene, const char *pipeline,
+                        const char *variant, const char *metric, int *seeds)
+{
+    double center = 0, squares = 0;
+    int scenes = 0;
+    bool equal = true;
+    *seeds = 0;
+    for (size_t k = 0; k < json_array_size(runs); ++k) {
+        int number;
+        const double sum = seed_sum(runs, k, scene, pipeline, variant, metric, &number);
+        if (!number)
+            continue;
+        equal = equal && (!scenes || number == scenes);
+        scenes = number;
+        const double difference = sum / number - center;
+        center += difference / ++*seeds;
+        squares += difference * (sum / number - center);
+    }
+    return *seeds > 1 && equal ? sqrt(squares / (*seeds - 1)) : NAN;
+}
+
+static bool has_seeds(const json_t *plan)
+{
+    return json_array_size(json_object_get(plan, "seeds")) > 1;
+}
+
+#define SEEDS_NOTE " ±: standard deviation over the seeds (n - 1)."
 
 static double percent(double base, double ours)
 {
@@ -80,34 +143,64 @@ static double change(int metric, double base, double ours)
     return metric < 2 ? percent(base, ours) : ours - base;
 }
 
-static void put_changes(json_t *table, const char *pipeline, const char *label, int shown,
-                        const double changes[METRICS])
+// `seeds`: the table has a column of them.
+static void put_changes(json_t *table, const char *pipeline, const char *label, bool seeds,
+                        int shown, const double changes[METRICS])
 {
     json_t *row = json_array();
     table_put_text(row, pipeline);
     table_put_text(row, label);
-    for (int k = 0; k < 2 * shown; ++k)
+    for (int k = 0; k < 2 * shown + seeds; ++k)
         table_put_text(row, "");
     for (int k = 0; k < shown; ++k)
         table_put_number(row, change_formats[k], changes[k]);
     table_end_row(table, row);
 }
 
-// The values of variants off and on, of one scene or means over scenes.
+// The values of variants off and on, of one scene or means over scenes. Deviations and numbers of
+// seeds are those of a scene.
 typedef struct pair {
-    double base[METRICS], ours[METRICS];
+    double base[METRICS], ours[METRICS], base_deviation[METRICS], our_deviation[METRICS];
+    int base_seeds, our_seeds;
 } pair;
 
-static void put_pair(json_t *table, const char *pipeline, const char *label, int shown,
+static pair pair_of(const json_t *runs, const char *scene, const char *pipeline)
+{
+    pair values;
+    for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
+        const char *metric = metrics[k];
+        values.base[k] = mean(runs, scene, pipeline, "off", metric);
+        values.ours[k] = mean(runs, scene, pipeline, "on", metric);
+        values.base_deviation[k] =
+            deviation(runs, scene, pipeline, "off", metric, &values.base_seeds);
+        values.our_deviation[k] = deviation(runs, scene, pipeline, "on", metric, &values.our_seeds);
+    }
+    return values;
+}
+
+// The number of seeds, two numbers if they differ, or nothing in a row over scenes.
+static void put_seeds(json_t *row, int base, int ours)
+{
+    char text[32] = "";
+    if (base == ours && base > 0)
+        snprintf(text, sizeof text, "%d", base);
+    else if (base != ours)
+        snprintf(text, sizeof text, "%d, %d", base, ours);
+    table_put_text(row, text);
+}
+
+static void put_pair(json_t *table, const char *pipeline, const char *label, bool seeds, int shown,
                      const pair *values)
 {
     json_t *row = json_array();
     table_put_text(row, pipeline);
     table_put_text(row, label);
+    if (seeds)
+        put_seeds(row, values->base_seeds, values->our_seeds);
     for (int k = 0; k < shown; ++k)
-        table_put_number(row, formats[k], values->base[k]);
+        table_put_spread(row, formats[k], values->base[k], values->base_deviation[k]);
     for (int k = 0; k < shown; ++k)
-        table_put_number(row, formats[k], values->ours[k]);
+        table_put_spread(row, formats[k], values->ours[k], values->our_deviation[k]);
     for (int k = 0; k < shown; ++k)
         table_put_number(row, change_formats[k], change(k, values->base[k], values->ours[k]));
     table_end_row(table, row);
@@ -140,6 +233,7 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
     const json_t *scenes = json_object_get(json_object_get(results, "plan"), "scenes"),
                  *runs = json_object_get(results, "runs");
     const int shown = shown_metrics(runs);
+    const bool seeds = has_seeds(json_object_get(results, "plan"));
     pair means = {0};
     double count = 0, changes[METRICS];
     for (size_t s = 0; s < json_array_size(scenes); ++s) {
@@ -147,12 +241,8 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
         const char *name = json_member_text(scene, "name");
         if (data_set && strcmp(data_set, json_member_text(scene, "data_set")))
             continue;
-        pair values;
-        for (int k = 0; k < METRICS; ++k) {
-            values.base[k] = mean(runs, name, pipeline, "off", metrics[k]);
-            values.ours[k] = mean(runs, name, pipeline, "on", metrics[k]);
-        }
-        put_pair(table, pipeline, name, shown, &values);
+        const pair values = pair_of(runs, name, pipeline);
+        put_pair(table, pipeline, name, seeds, shown, &values);
         if (isnan(values.base[1]) || isnan(values.ours[1]))
             continue;
         for (int k = 0; k < METRICS; ++k) {
@@ -169,9 +259,10 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
     for (int k = 0; k < METRICS; ++k) {
         means.base[k] /= count;
         means.ours[k] /= count;
+        means.base_deviation[k] = means.our_deviation[k] = NAN;
         changes[k] = change(k, means.base[k], means.ours[k]);
     }
-    put_pair(table, pipeline, data_set, shown, &means);
+    put_pair(table, pipeline, data_set, seeds, shown, &means);
     add_change(total, changes, count);
 }
 
@@ -193,19 +284,21 @@ static const char *const change_names[METRICS] = {"Δ time", "Δ N",         "Δ
                                                   "Δ FLIP", "Δ sharpness", "Δ LPIPS"};
 
 // A table with `shown` metrics and no rows.
-static json_t *new_pipelines_table(bool in_sets, int shown)
+static json_t *new_pipelines_table(bool in_sets, bool seeds, int shown)
 {
-    const char *columns[3 * METRICS + 3] = {"pipeline", "scene"};
+    const char *columns[3 * METRICS + 4] = {"pipeline", "scene"};
     const char *const *const groups[] = {base_names, our_names, change_names};
     size_t count = 2;
+    if (seeds)
+        columns[count++] = "seeds";
     for (size_t g = 0; g < sizeof groups / sizeof *groups; ++g)
         for (int k = 0; k < shown; ++k)
             columns[count++] = groups[g][k];
     char *note = format_text(
         "Base: variant off; ours: variant on. PSNR (dB), SSIM, %s of the held-out images. Better: "
-        "higher PSNR and SSIM, lower %s, sharpness near 1.%s",
+        "higher PSNR and SSIM, lower %s, sharpness near 1.%s%s",
         shown == METRICS ? "FLIP, sharpness and LPIPS" : "FLIP and sharpness",
-        shown == METRICS ? "FLIP and LPIPS" : "FLIP",
+        shown == METRICS ? "FLIP and LPIPS" : "FLIP", seeds ? SEEDS_NOTE : "",
         in_sets ? " A data set has the means of its scenes and the changes of these means. The "
                   "mean of a pipeline weights the data sets by their number of scenes."
                 : "");
@@ -221,7 +314,8 @@ static json_t *pipelines_table(const json_t *results)
                  *scenes = json_object_get(plan, "scenes");
     const bool in_sets = *json_member_text(json_array_get(scenes, 0), "data_set");
     const int shown = shown_metrics(json_object_get(results, "runs"));
-    json_t *table = new_pipelines_table(in_sets, shown);
+    const bool seeds = has_seeds(plan);
+    json_t *table = new_pipelines_table(in_sets, seeds, shown);
     change_mean all = {0};
     double changes[METRICS];
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
@@ -234,12 +328,13 @@ static json_t *pipelines_table(const json_t *results)
         if (!in_sets)
             put_scenes(table, results, pipeline, NULL, &total);
         finish_changes(&total, changes);
-        put_changes(table, pipeline, in_sets ? "scene-weighted mean" : "mean", shown, changes);
+        put_changes(table, pipeline, in_sets ? "scene-weighted mean" : "mean", seeds, shown,
+                    changes);
         if (total.weight > 0)
             add_change(&all, changes, 1.0);
     }
     finish_changes(&all, changes);
-    put_changes(table, "average", "", shown, changes);
+    put_changes(table, "average", "", seeds, shown, changes);
     return table;
 }
 
@@ -269,36 +364,45 @@ static void paired_means(const json_t *plan, const json_t *runs, const char *pip
 static json_t *variants_table(const json_t *plan, const json_t *runs, const char *pipeline)
 {
     static const char *const all_columns[] = {
-        "variant", "N",   "s",      "iterations", "PSNR",   "SSIM",        "FLIP",   "sharpness",
-        "LPIPS",   "Δ N", "Δ time", "Δ PSNR",     "Δ FLIP", "Δ sharpness", "Δ LPIPS"};
+        "variant",   "seeds", "N",   "s",      "iterations", "PSNR",   "SSIM",        "FLIP",
+        "sharpness", "LPIPS", "Δ N", "Δ time", "Δ PSNR",     "Δ FLIP", "Δ sharpness", "Δ LPIPS"};
     enum { COLUMNS = sizeof all_columns / sizeof *all_columns };
     const int shown = shown_metrics(runs);
+    const bool seeds = has_seeds(plan);
     const char *columns[COLUMNS + 1] = {NULL};
     for (size_t k = 0, count = 0; k < COLUMNS; ++k)
-        if (shown == METRICS || !strstr(all_columns[k], "LPIPS"))
+        if ((shown == METRICS || !strstr(all_columns[k], "LPIPS")) &&
+            (seeds || strcmp(all_columns[k], "seeds")))
             columns[count++] = all_columns[k];
     char *title = format_text("Variants of %s", pipeline);
-    json_t *table =
-        table_new(title,
-                  "Means over scenes and seeds; changes relative to variant off, over the scenes "
-                  "that have runs of both.",
-                  columns);
+    json_t *table = table_new(
+        title,
+        seeds ? "Means over scenes and seeds; changes relative to variant off, over the scenes "
+                "that have runs of both. ±: standard deviation (n - 1) over the seeds' means."
+              : "Means over scenes and seeds; changes relative to variant off, over the scenes "
+                "that have runs of both.",
+        columns);
     free(title);
     const json_t *variants = json_object_get(plan, "variants");
     for (size_t v = 0; v < json_array_size(variants); ++v) {
         const char *variant = json_member_text(json_array_get(variants, v), "name");
-        double value[METRICS];
-        for (int k = 0; k < METRICS; ++k)
+        double value[METRICS], spread[METRICS];
+        int count = 0;
+        for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
             value[k] = mean(runs, NULL, pipeline, variant, metrics[k]);
+            spread[k] = deviation(runs, NULL, pipeline, variant, metrics[k], &count);
+        }
         if (isnan(value[1]))
             continue;
         json_t *row = json_array();
         table_put_text(row, variant);
-        table_put_number(row, formats[1], value[1]);
-        table_put_number(row, formats[0], value[0]);
+        if (seeds)
+            put_seeds(row, count, count);
+        table_put_spread(row, formats[1], value[1], spread[1]);
+        table_put_spread(row, formats[0], value[0], spread[0]);
         table_put_number(row, "%.0f", mean(runs, NULL, pipeline, variant, "iterations"));
         for (int k = 2; k < shown; ++k)
-            table_put_number(row, formats[k], value[k]);
+            table_put_spread(row, formats[k], value[k], spread[k]);
         static const int changes[] = {1, 0, 2, 4, 5, 6}; // the last one: LPIPS
         for (size_t k = 0; k < sizeof changes / sizeof *changes && changes[k] < shown; ++k) {
             const int m = changes[k];

@@ -32,6 +32,19 @@ void table_put_number(json_t *row, const char *format, double value)
     table_put_text(row, isnan(value) ? "-" : text);
 }
 
+void table_put_spread(json_t *row, const char *format, double value, double deviation)
+{
+    char center[64], spread[64], text[136];
+    if (isnan(value) || isnan(deviation)) {
+        table_put_number(row, format, value);
+        return;
+    }
+    snprintf(center, sizeof center, format, value);
+    snprintf(spread, sizeof spread, format, deviation);
+    snprintf(text, sizeof text, "%s ± %s", center, spread);
+    table_put_text(row, text);
+}
+
 void table_end_row(json_t *table, json_t *row)
 {
     json_array_append_new(json_object_get(table, "rows"), row);

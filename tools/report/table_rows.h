@@ -16,5 +16,8 @@ json_t *table_new(const char *title, const char *note, const char *const columns
 void table_put_text(json_t *row, const char *text);
 void table_put_number(json_t *row, const char *format, double value);
 
+// The same as "VALUE ± DEVIATION"; a NaN deviation is omitted.
+void table_put_spread(json_t *row, const char *format, double value, double deviation);
+
 // Appends the row to the table. Steals the reference to `row`.
 void table_end_row(json_t *table, json_t *row);

@@ -74,7 +74,7 @@ typedef struct sgs_bench_counts {
     double gathered; // candidates of the macrotiles: reported by the BVH, may hit one of the tiles
     double candidates;       // candidates of the tiles
     double evaluations;      // (4x4 block, primitive) pairs evaluated in the forward pass
-    double block_hits;       // (4x4 block, primitive) pairs with a hit
+    double block_hits;       // those of them with a hit that counts or ends a ray
     double fallback_gathers; // macrotiles gathered again because a depth bound was too near
     sgs_train_bytes bytes;   // bytes moved, by phase
     // Floating-point operations of the formulas over all 16 lanes of the pairs above: responses,
@@ -155,7 +155,7 @@ typedef struct sgs_rank_prediction {
     double balance;    // mean work of a rank divided by the largest, from 1 / ranks to 1
     double primitives; // largest number of projected records on one rank
     double traced;     // primitives in view, whose records are sent
-    double hit;        // primitives with a hit, whose gradients are sent
+    double hit;        // primitives with a hit that counts or ends a ray, whose gradients are sent
 } sgs_rank_prediction;
 
 // Predicts the messages of ranks[i] ranks (2 to 1024) into predictions[count], from the lists of an

@@ -7,7 +7,8 @@
 // if the model fits into the memory of each rank, use sgs_renderer on different views instead,
 // which needs no communication.
 //
-// Threads: one call at a time on each rank, and with the object of `ranks`, whose calls they are.
+// Threads: calls are collective calls on `ranks`: no other call on that object may run at the same
+// time.
 
 #include "sparegs/ranks.h"
 #include "sparegs/render.h"

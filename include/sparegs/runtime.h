@@ -34,7 +34,7 @@ SGS_API int sgs_cores(void);
 
 // Instruction set of the kernels. Default: the best that the CPU supports. Fails with
 // INVALID_ARGUMENT outside the enumeration, UNSUPPORTED if CPU or build lack it; the setting is
-// then unchanged. AVX2 and AVX-512 give the same bits; those of the baseline differ.
+// then unchanged. AVX2 and AVX-512 give the same bits; those of the baseline differ on x86-64.
 SGS_API sgs_status sgs_isa_set(sgs_isa isa);
 SGS_API sgs_isa sgs_isa_get(void);
 SGS_API bool sgs_isa_supported(sgs_isa isa);

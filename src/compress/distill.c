@@ -4,7 +4,7 @@
 // LightGaussian (Fan et al. 2024), section 3.3, with the constants of the released code. The
 // teacher is the model, the student its copy without band 3. The student learns the renders of the
 // teacher: every third step in a training view, otherwise in a pseudo view, a training view whose
-// centre is moved by normal noise of 0.05 scene units per axis. Opacities are fixed; the learning
+// centre is moved by normal noise of 0.05 world units per axis. Opacities are fixed; the learning
 // rate of the positions is the final one of 3DGS; all learning rates decay by 0.9 every 500 steps.
 
 #include "compress/distill.h"

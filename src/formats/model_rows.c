@@ -9,7 +9,7 @@
 #include "base/core.h"
 #include "model/similarity.h"
 
-// For scales of 0: exp(-30) is 1e-13 scene units.
+// For scales of 0: exp(-30) is 1e-13 world units.
 static const float LEAST_LOG_SCALE = -30.0f;
 
 // Value for an infinite logit: ln((1 - 1e-6) / 1e-6). Alpha is clamped at 0.99 in any case, and the
@@ -253,39 +253,49 @@ void sgsi_splat_deviation(const sgsi_splat *splat, double deviation[3])
     }
 }
 
+static bool is_brighter(const sgs_gaussians *model, size_t i, double most)
+{
+    for (int k = 0; k < 3; ++k)
+        if (sgsi_color_from_dc((double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + k)) >
+            most + 0.25)
+            return true;
+    return false;
+}
+
+static bool has_larger_harmonic(const sgs_gaussians *model, size_t i, double most)
+{
+    const int rest = 3 * sgsi_rest_coefficients(model->sh_degree);
+    for (int k = 0; k < rest; ++k)
+        if (fabs((double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_REST + k)) > most)
+            return true;
+    return false;
+}
+
+// `text`: the values that the file holds, and what a clipped primitive is or has.
+static void warn_clipped(const char *path, const char *format, const sgs_gaussians *model,
+                         double most,
+                         bool (*is_clipped)(const sgs_gaussians *model, size_t i, double most),
+                         const char *const text[2])
+{
+    size_t clipped = 0;
+    for (size_t i = 0; i < model->count; ++i)
+        clipped += is_clipped(model, i, most);
+    if (clipped > model->count / 100)
+        sgsi_warn("%s: %s holds %s up to %.3g; %zu of %zu primitives %s clipped; write a .ply, "
+                  ".glb or .usda",
+                  path, format, text[0], most, clipped, model->count, text[1]);
+}
+
 void sgsi_warn_clipped_colors(const char *path, const char *format, const sgs_gaussians *model,
                               double most)
 {
-    size_t clipped = 0;
-    for (size_t i = 0; i < model->count; ++i) {
-        bool bright = false;
-        for (int k = 0; k < 3; ++k)
-            bright = bright ||
-                     sgsi_color_from_dc((double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + k)) >
-                         most + 0.25;
-        clipped += bright;
-    }
-    if (clipped > model->count / 100)
-        sgsi_warn("%s: %s holds colours up to %.3g; %zu of %zu primitives are brighter and are "
-                  "clipped; write a .ply, .glb or .usda",
-                  path, format, most, clipped, model->count);
+    static const char *const text[] = {"colours", "are brighter and are"};
+    warn_clipped(path, format, model, most, is_brighter, text);
 }
 
 void sgsi_warn_clipped_harmonics(const char *path, const char *format, const sgs_gaussians *model,
                                  double most)
 {
-    const int rest = 3 * sgsi_rest_coefficients(model->sh_degree);
-    size_t clipped = 0;
-    for (size_t i = 0; i < model->count; ++i) {
-        bool outside = false;
-        for (int k = 0; k < rest; ++k)
-            outside =
-                outside || fabs((double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_REST + k)) > most;
-        clipped += outside;
-    }
-    if (clipped > model->count / 100)
-        sgsi_warn(
-            "%s: %s holds SH coefficients up to %.3g; %zu of %zu primitives have larger ones, "
-            "which are clipped; write a .ply, .glb or .usda",
-            path, format, most, clipped, model->count);
+    static const char *const text[] = {"SH coefficients", "have larger ones, which are"};
+    warn_clipped(path, format, model, most, has_larger_harmonic, text);
 }

@@ -76,9 +76,8 @@ static inline double sgsi_color_from_dc(double coefficient)
 void sgsi_warn_clipped_colors(const char *path, const char *format, const sgs_gaussians *model,
                               double most);
 
-// Warns if an SH coefficient of degree 1 to 3 of more than one percent of the primitives lies
-// outside
-// [-most, most], which `format` holds.
+// Warns if more than one percent of the primitives have an SH coefficient of degree 1 to 3 outside
+// [-most, most], the range that `format` holds.
 void sgsi_warn_clipped_harmonics(const char *path, const char *format, const sgs_gaussians *model,
                                  double most);
 

@@ -164,7 +164,7 @@ static sgs_status count_macrotile_hits(const profile_job *job, const sgsi_tracer
 }
 
 // Records counts and maps of the forward pass over the refitted tree. Hits of pixels come from a
-// second pass: counting them takes time, and lists then contain hits that do not count.
+// second pass: counting them takes time, and any hit then makes a block hit.
 static sgs_status record_pass(const profile_job *job, sgsi_tracer *tracer)
 {
     sgs_profile *out = job->out;

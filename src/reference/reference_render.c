@@ -76,7 +76,7 @@ static void activate_rotation(const double *stored, sgsi_reference_primitive *ou
 }
 
 // Distance and direction of the mean from the centre (for Mip-Splatting's factor and SH), and the
-// depth z that converts pixels to scene units.
+// depth z that converts pixels to world units.
 static void activate_position(const sgsi_reference_view *view, const double *mean,
                               sgsi_reference_primitive *out)
 {

@@ -261,6 +261,7 @@ static sgs_status read_camera_binary(loader *l, bytes *b)
     if (!p)
         return truncated(l, b, "a camera");
     const int model = (int)(int32_t)(uint32_t)decode(p + 4, 4);
+    // SGS_CAMERA_EQUIRECTANGULAR, 100, is no model of COLMAP.
     const int param_count = model >= 0 && model < SGS_CAMERA_MODEL_COUNT
                                 ? sgs_camera_param_count((sgs_camera_model)model)
                                 : 0;

@@ -374,9 +374,9 @@ typedef struct blended {
     vf color[3], transmittance, stop;
 } blended;
 
-// If not NULL, `counted` receives the number of block hits that count or end the ray in some lane,
-// and `order` is compacted to them. Without the hits that end rays, the backward pass would count
-// hits behind them. Not inline, to keep the sums in registers.
+// If not NULL, `counted` receives the number of entries with a hit that counts or ends a ray, and
+// `order` is compacted to them. Without the hits that end rays, the backward pass would count hits
+// behind them. Not inline, to keep the sums in registers.
 static __attribute__((noinline)) blended
 blend_block(const sgsi_scratch *s, uint32_t *restrict order, uint32_t count, uint32_t *counted)
 {

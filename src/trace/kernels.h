@@ -27,7 +27,7 @@ typedef struct sgsi_project {
 enum { SGSI_SENTINELS = 16 }; // extra entries of every scratch array beyond its capacity
 
 // Scratch memory of one thread. All arrays have the same capacity, in primitives. An entry is a
-// candidate of a 4x4 block; an entry that hits a pixel is a block hit.
+// candidate of a 4x4 block; the forward pass keeps those that are block hits (sgsi_tile_list).
 typedef struct sgsi_scratch {
     void *memory; // holds all arrays
     size_t capacity;
@@ -116,7 +116,7 @@ typedef struct sgsi_tile_target {
     float near_distance;
     // Out: largest distance at which a pixel became opaque; INFINITY if one did not.
     float stop_distance;
-    uint64_t evaluations, counted; // incremented: block evaluations and counted hits
+    uint64_t evaluations; // incremented: block evaluations
 } sgsi_tile_target;
 
 // Input of the scoring kernel besides a tile's lists.

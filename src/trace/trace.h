@@ -65,7 +65,8 @@ enum {
     SGSI_GRAD_SUM_ABS = 14
 };
 
-// Block hits of a tile, kept by the forward pass for the backward pass.
+// Block hits of a tile, kept by the forward pass for the backward pass. A block hit is a (4x4
+// block, primitive) pair with a hit that counts or ends a ray; with depths or AOVs, with any hit.
 typedef struct sgsi_tile_list {
     uint32_t *ids;        // [count] primitives, near to far by |delta|
     uint32_t *block_hits; // per block, in block order: indices into ids

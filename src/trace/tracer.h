@@ -17,13 +17,11 @@ typedef struct sgsi_trace_seconds {
 
 // Work done by the most recent forward (and backward) pass.
 typedef struct sgsi_trace_counts {
-    uint64_t callbacks;   // primitives reported by the BVH, with repetitions
-    uint64_t gathered;    // candidates of all macrotiles: may hit one of their tiles
-    uint64_t candidates;  // candidates of all tiles
-    uint64_t evaluations; // (block, primitive) pairs evaluated by the forward pass
-    // Block hits: (block, primitive) pairs with a hit that counts or ends a ray. With depths or
-    // AOVs: with any hit.
-    uint64_t block_hits;
+    uint64_t callbacks;        // primitives reported by the BVH, with repetitions
+    uint64_t gathered;         // candidates of all macrotiles: may hit one of their tiles
+    uint64_t candidates;       // candidates of all tiles
+    uint64_t evaluations;      // (block, primitive) pairs evaluated by the forward pass
+    uint64_t block_hits;       // see sgsi_tile_list
     uint64_t fallback_gathers; // macrotiles gathered again because a depth bound was too near
 } sgsi_trace_counts;
 

@@ -121,7 +121,7 @@ static void predict_sums(prediction *p)
     }
 }
 
-// One item per (cell, primitive) with a hit.
+// One item per (cell, primitive) with a block hit.
 static void predict_gradients(prediction *p)
 {
     const sgsi_tile_list *lists = sgsi_tracer_lists(p->input->tracer);

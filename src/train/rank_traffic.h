@@ -24,7 +24,7 @@ typedef struct sgsi_rank_traffic {
     sgs_ranks_traffic sent[SGS_RANKS_PURPOSE_COUNT];
     uint64_t received[SGS_RANKS_PURPOSE_COUNT]; // bytes
     size_t primitives;                          // whose records it has, its own included
-    size_t traced, hit;                         // of its own rows: in view, with a hit
+    size_t traced, hit;                         // of its own rows: in view, with a block hit
     double cost;                                // of its cells
 } sgsi_rank_traffic;
 

@@ -292,7 +292,7 @@ static void print_counts(const sgs_profile *m)
                 {"candidates of the tiles", m->candidates},
                 {"block tests", m->block_tests},
                 {"evaluations (block, primitive)", m->evaluations},
-                {"block hits (any ray hit)", m->block_hits},
+                {"block hits (block, primitive)", m->block_hits},
                 {"true hits", m->hits}};
     printf("%-34s %12s %12s\n", "", "per view", "per ray");
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)

@@ -44,11 +44,12 @@ static sgs_status fail_meta(const char *path, const char *what)
     return sgsi_fail(SGS_STATUS_FORMAT, "%s: meta.json: %s is missing or invalid", path, what);
 }
 
-static bool read_numbers(const json_t *list, size_t count, double *values)
+// The numbers first to count - 1 of a list.
+static bool read_numbers(const json_t *list, size_t first, size_t count, double *values)
 {
     if (json_array_size(list) < count)
         return false;
-    for (size_t k = 0; k < count; ++k) {
+    for (size_t k = first; k < count; ++k) {
         const json_t *value = json_array_get(list, k);
         if (!json_is_number(value) || !isfinite(json_number_value(value)))
             return false;
@@ -79,13 +80,13 @@ static bool read_tables_1(sgsi_sog *sog, const json_t *scales, const json_t *sh0
                           const json_t *rest)
 {
     double low[4], high[4];
-    if (!read_numbers(json_object_get(scales, "mins"), 3, low) ||
-        !read_numbers(json_object_get(scales, "maxs"), 3, high))
+    if (!read_numbers(json_object_get(scales, "mins"), 0, 3, low) ||
+        !read_numbers(json_object_get(scales, "maxs"), 0, 3, high))
         return false;
     for (int k = 0; k < 3; ++k)
         spread(low[k], high[k], sog->scales[k]);
-    if (!read_numbers(json_object_get(sh0, "mins"), 4, low) ||
-        !read_numbers(json_object_get(sh0, "maxs"), 4, high))
+    if (!read_numbers(json_object_get(sh0, "mins"), 0, 4, low) ||
+        !read_numbers(json_object_get(sh0, "maxs"), 0, 4, high))
         return false;
     for (int k = 0; k < 3; ++k)
         spread(low[k], high[k], sog->colors[k]);
@@ -97,19 +98,18 @@ static bool read_tables_1(sgsi_sog *sog, const json_t *scales, const json_t *sh0
     return true;
 }
 
-// Early writers of version 2 stored null as the first entry. It continues the mean step of the
-// others, as in PlayCanvas's engine.
+// Early writers of version 2 stored null as the first entry. PlayCanvas's engine extrapolates it
+// from the others: t0 = t1 + (t1 - t255) / 255.
 static bool read_codebook(const json_t *attribute, double table[SGSI_SOG_CODES])
 {
     enum { LAST = SGSI_SOG_CODES - 1 };
     const json_t *list = json_object_get(attribute, "codebook");
-    if (!json_is_null(json_array_get(list, 0)))
-        return read_numbers(list, SGSI_SOG_CODES, table);
-    json_t *copy = json_copy((json_t *)list);
-    bool read = !json_array_remove(copy, 0) && read_numbers(copy, LAST, table + 1);
-    json_decref(copy);
-    table[0] = read ? table[1] + (table[1] - table[LAST]) / LAST : 0;
-    return read && isfinite(table[0]);
+    const bool is_null = json_is_null(json_array_get(list, 0));
+    if (!read_numbers(list, is_null, SGSI_SOG_CODES, table))
+        return false;
+    if (is_null)
+        table[0] = table[1] + (table[1] - table[LAST]) / LAST;
+    return isfinite(table[0]);
 }
 
 static bool read_tables_2(sgsi_sog *sog, const json_t *scales, const json_t *sh0,
@@ -147,8 +147,8 @@ static sgs_status read_meta(sog_reader *reader, const json_t *meta)
     sog->count = (size_t)json_integer_value(count);
     sog->antialiased = json_is_string(kind) && !strncmp(json_string_value(kind), "antialias", 9);
     if (!read_names(reader, means, SGSI_SOG_MEANS_LOW, 2) ||
-        !read_numbers(json_object_get(means, "mins"), 3, sog->means_low) ||
-        !read_numbers(json_object_get(means, "maxs"), 3, sog->means_high))
+        !read_numbers(json_object_get(means, "mins"), 0, 3, sog->means_low) ||
+        !read_numbers(json_object_get(means, "maxs"), 0, 3, sog->means_high))
         return fail_meta(reader->path, "'means'");
     if (!read_names(reader, scales, SGSI_SOG_SCALES, 1))
         return fail_meta(reader->path, "'scales'");

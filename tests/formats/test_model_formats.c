@@ -560,9 +560,9 @@ static void put_sog_textures(const temp_folder *folder)
     // x omitted (tag 253): w, y, z = 0.8, -0.6, 0 over sqrt(2) in 8 bits; an invalid tag.
     memcpy(pixels, (const unsigned char[]){230, 51, 128, 253, 1, 2, 3, 0}, 8);
     put_texture(folder, "q.webp", 4, 4, pixels);
-    memcpy(pixels, (const unsigned char[]){10, 20, 30, 255, 255, 254, 253, 255}, 8);
+    memcpy(pixels, (const unsigned char[]){10, 20, 30, 255, 0, 254, 253, 255}, 8);
     put_texture(folder, "s.webp", 4, 4, pixels);
-    memcpy(pixels, (const unsigned char[]){1, 2, 3, 204, 4, 5, 6, 0}, 8);
+    memcpy(pixels, (const unsigned char[]){1, 2, 3, 204, 0, 5, 6, 0}, 8);
     put_texture(folder, "c.webp", 4, 4, pixels);
     memcpy(pixels, (const unsigned char[]){65, 0, 0, 255, 0, 1, 0, 255}, 8); // 65 and 256
     put_texture(folder, "n.webp", 4, 4, pixels);
@@ -634,6 +634,8 @@ static void sog_is_read(void **state)
     file_put(temp_path(&folder, "meta.json"), text.data, text.size);
     assert_int_equal(sgs_model_read(folder.path, NULL, &model, NULL), SGS_STATUS_OK);
     check_sog(model, (double[]){-9.5, -9, -8.5}, (double[]){-0.75, -0.5, -0.25}, logit(0.8), 0.0);
+    expect(model, 1, SGS_PARAM_SCALE, -9.95 + (-9.95 - 2.75) / 255); // t1 + (t1 - t255) / 255
+    expect(model, 1, SGS_PARAM_SH_DC, -0.75 + (-0.75 - 62.75) / 255);
     sgs_gaussians_destroy(model);
 
     // Version 1: bounds instead of codebooks, and opacity logits.

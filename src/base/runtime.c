@@ -75,12 +75,24 @@ sgs_isa sgs_isa_get(void)
     return (sgs_isa)isa;
 }
 
+static sgs_status fail_isa(sgs_isa isa)
+{
+#ifdef SGSI_X86
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                     "CPU or virtual machine lacks an extension that the %s kernels require: AVX2, "
+                     "FMA, F16C, BMI1, BMI2, LZCNT, POPCNT%s",
+                     sgs_isa_name(isa), isa == SGS_ISA_AVX512 ? ", AVX-512 F, BW, DQ, VL" : "");
+#else
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "the %s kernels require x86-64", sgs_isa_name(isa));
+#endif
+}
+
 sgs_status sgs_isa_set(sgs_isa isa)
 {
     if (!sgs_isa_name(isa))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown instruction set %d", (int)isa);
     if (!sgs_isa_supported(isa))
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "CPU does not support %s", sgs_isa_name(isa));
+        return fail_isa(isa);
     atomic_store(&chosen_isa, (int)isa);
     return SGS_STATUS_OK;
 }

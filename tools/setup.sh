@@ -3,12 +3,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # Installs the packages for building, testing and the demo on Debian and Ubuntu; elsewhere, and without root or sudo, it
-# only prints the list.
-# Returns immediately if all packages are installed. This is the only list of packages.
+# only prints the list. Fails if a required package is not available; optional ones are left out.
+# Returns immediately if all available packages are installed. This is the only list of packages.
 #     tools/setup.sh [--long]        also packages for the long tests, tools/scripts/lint.sh and tools/scripts/coverage.sh
 set -euo pipefail
 
-packages=(
+required=(
     git gcc g++ make cmake pkg-config # to build
     libembree-dev                     # ray tracing: 3.13 on Debian 12, 4.x on Debian 13 and Ubuntu 24.04
     libopenimageio-dev libopenexr-dev # images
@@ -18,13 +18,15 @@ packages=(
     libjxl-dev                        # images of compressed models
     libkissfft-dev                    # spectra
     libcivetweb-dev libturbojpeg0-dev # server and pictures of the viewer
-    libopenmpi-dev openmpi-bin        # ranks on several machines; optional
     libcmocka-dev                     # tests
     openimageio-tools openexr jq      # tests of the written files
     curl python3                      # tests of the viewer
 )
+optional=(
+    libopenmpi-dev openmpi-bin # ranks on several machines
+)
 if [ "${1:-}" = --long ]; then
-    packages+=(
+    optional+=(
         clang libclang-rt-dev            # sanitizers, fuzzing
         clang-format clang-tidy cppcheck # tools/scripts/lint.sh
         gcovr                            # tools/scripts/coverage.sh
@@ -36,6 +38,8 @@ if [ "${1:-}" = --long ]; then
         clang-16                         # another compiler, on Debian 12
     )
 fi
+
+packages=("${required[@]}" "${optional[@]}")
 
 missing=()
 for package in "${packages[@]}"; do
@@ -52,6 +56,29 @@ if ! command -v apt-get >/dev/null; then
     exit 0
 fi
 
+# Sorts the missing packages: `available`, `lacking` (required), and `left_out` (optional; Ubuntu has neither chromium nor
+# clang-16 as packages).
+sort_missing() {
+    available=() lacking=() left_out=()
+    for package in "${missing[@]}"; do
+        if apt-cache show "$package" >/dev/null 2>&1; then
+            available+=("$package")
+        elif [[ " ${required[*]} " == *" $package "* ]]; then
+            lacking+=("$package")
+        else
+            left_out+=("$package")
+        fi
+    done
+}
+report_left_out() {
+    if [ ${#left_out[@]} -gt 0 ]; then echo "setup: not available here: ${left_out[*]}" >&2; fi
+}
+sort_missing
+if [ ${#available[@]} -eq 0 ] && [ ${#lacking[@]} -eq 0 ] && [ -n "$(apt-get indextargets 2>/dev/null)" ]; then
+    report_left_out # by the package lists of an earlier update
+    exit 0
+fi
+
 root=()
 if [ "$(id -u)" -ne 0 ]; then
     if ! command -v sudo >/dev/null; then
@@ -62,12 +89,11 @@ if [ "$(id -u)" -ne 0 ]; then
 fi
 echo "setup: installing ${missing[*]}"
 "${root[@]}" apt-get update -qq
-available=()
-for package in "${missing[@]}"; do # Ubuntu has neither chromium nor clang-16 as packages
-    if apt-cache show "$package" >/dev/null 2>&1; then
-        available+=("$package")
-    else
-        echo "setup: $package is not available here" >&2
-    fi
-done
+sort_missing
+report_left_out
+if [ ${#lacking[@]} -gt 0 ]; then
+    echo "setup: required packages are not available: ${lacking[*]}; add a package source that has them (Ubuntu: universe)" >&2
+    exit 1
+fi
+[ ${#available[@]} -gt 0 ] || exit 0
 "${root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${available[@]}"

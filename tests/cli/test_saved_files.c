@@ -6,12 +6,10 @@
 // or unreadable is an error that leaves it as it is.
 
 #include <setjmp.h>
-#include <signal.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include <sys/resource.h>
 #include <cmocka.h>
 
 #include "cli/model_path.h"
@@ -143,18 +141,14 @@ static void a_record_that_does_not_fit_is_removed(void **state)
 {
     (void)state;
     put_records();
-    const struct rlimit limit = {4 * RECORD + HEADER + 10, RLIM_INFINITY};
-    struct rlimit before;
-    assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
-    signal(SIGXFSZ, SIG_IGN);
-    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    files_limited(4 * RECORD + HEADER + 10);
     const sgs_region regions[REGIONS] = {{.voxel = 1}, {.voxel = 2}, {.voxel = 7}};
     const sgs_regions update = {
         .iteration = 500, .grid = 4, .cell = {1, 1, 1}, .count = REGIONS, .regions = regions};
     catch_messages();
     const bool written = region_file_append(folder.path, &update);
     read_message();
-    assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
+    files_unlimited();
     assert_false(written);
     assert_message("regions.bin", "was not recorded");
     assert_int_equal(size_of_records(), 4 * RECORD);

@@ -314,9 +314,10 @@ static void values_that_are_no_numbers_are_dropped(void **state)
 static void usda_is_written_in_any_language(void **state)
 {
     (void)state;
+    if (!decimal_comma_set())
+        skip(); // the system cannot make a locale
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model = model_random(3, 1), *back;
-    decimal_comma_set();
     const sgs_status status = sgs_model_write(temp_path(&folder, "a.usda"), model, NULL, NULL);
     decimal_comma_unset();
     assert_int_equal(status, SGS_STATUS_OK);

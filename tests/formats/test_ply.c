@@ -340,8 +340,9 @@ static sgs_gaussians *read_text(const temp_folder *folder, int count, const char
 static void ply_reads_text_in_any_language(void **state)
 {
     (void)state;
+    if (!decimal_comma_set())
+        skip(); // the system cannot make a locale
     const temp_folder folder = temp_folder_make();
-    decimal_comma_set();
     sgs_gaussians *model = read_text(
         &folder, 1, "1.5 -2e-3 +3\n\n4 5 -6\t.25 1 1 1 \r\n1 0 0 0"); // no final line feed
     static const float expected[] = {1.5f, -2e-3f, 3, 1, 0, 0, 0, 1, 1, 1, 0.25f, 4, 5, -6};

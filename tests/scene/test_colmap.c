@@ -660,8 +660,10 @@ static void decimal_points_do_not_depend_on_the_locale(void **state)
     (void)state;
     const model m = model_make();
     const temp_folder folder = whole_model(false);
-    if (!decimal_comma_set())
+    if (!decimal_comma_set()) {
+        tree_remove(&folder);
         skip(); // the system cannot make a locale
+    }
     sgsi_dataset d;
     const sgs_status status = sgsi_colmap_read(folder.path, &d);
     decimal_comma_unset();

@@ -119,18 +119,24 @@ static inline unsigned char *file_get(const char *path, size_t *size)
     return bytes;
 }
 
+static struct {
+    struct rlimit limit;
+    void (*handler)(int);
+} files_before; // files_limited()
+
 // Until files_unlimited(), writes beyond byte `bytes` of a file fail (EFBIG), as on a full disk.
 static inline void files_limited(size_t bytes)
 {
-    signal(SIGXFSZ, SIG_IGN);
-    const struct rlimit limit = {.rlim_cur = bytes, .rlim_max = RLIM_INFINITY};
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &files_before.limit), 0);
+    files_before.handler = signal(SIGXFSZ, SIG_IGN);
+    const struct rlimit limit = {.rlim_cur = bytes, .rlim_max = files_before.limit.rlim_max};
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 }
 
 static inline void files_unlimited(void)
 {
-    const struct rlimit limit = {.rlim_cur = RLIM_INFINITY, .rlim_max = RLIM_INFINITY};
-    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &files_before.limit), 0);
+    signal(SIGXFSZ, files_before.handler);
 }
 
 // Runs a program (searched in PATH) and returns its exit status, 127 if it is not installed.

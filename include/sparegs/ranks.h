@@ -36,8 +36,9 @@ SGS_API void sgs_ranks_forget_launcher(void);
 
 // Joins the ranks of a launcher through the plug-in of its MPI library, which is loaded now:
 // "ranks-openmpi.so" or "ranks-mpich.so", in `folder`, or, if it is NULL, next to the program and
-// in ../lib/sparegs. *ranks is NULL, with success, if there is one process. Fails with UNSUPPORTED
-// if no plug-in can be loaded, or with OUT_OF_MEMORY. Collective. Call at most once per process.
+// in LIBDIR/sparegs of the installation. *ranks is NULL, with success, if there is one process.
+// Fails with UNSUPPORTED if no plug-in can be loaded, or with OUT_OF_MEMORY. Collective. Call at
+// most once per process.
 SGS_API sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks);
 // Waits for all ranks, unless a collective call has failed, and leaves them. Accepts NULL.
 SGS_API void sgs_ranks_close(sgs_ranks *ranks);

@@ -43,15 +43,16 @@ void *sgsi_plugin_load(const char *folder, const char *file, bool global, char *
     if (folder)
         return load_from(folder, file, global, reason, bytes);
     char program[PATH_MAX], place[PATH_MAX];
-    if (!program_folder(program))
+    const bool known = program_folder(program), absolute = SGSI_PLUGIN_DIR[0] == '/';
+    void *plugin = known ? load_from(program, file, global, reason, bytes) : NULL;
+    if (plugin)
+        return plugin;
+    if (absolute)
+        return load_from(SGSI_PLUGIN_DIR, file, global, reason, bytes);
+    if (!known ||
+        snprintf(place, sizeof place, "%s/%s", program, SGSI_PLUGIN_DIR) >= (int)sizeof place)
         return NULL;
-    void *plugin = NULL;
-    const bool absolute = SGSI_PLUGIN_DIR[0] == '/';
-    if (snprintf(place, sizeof place, "%s%s%s", absolute ? "" : program, absolute ? "" : "/",
-                 SGSI_PLUGIN_DIR) >= (int)sizeof place)
-        place[0] = 0;
-    plugin = load_from(program, file, global, reason, bytes);
-    return plugin || !place[0] ? plugin : load_from(place, file, global, reason, bytes);
+    return load_from(place, file, global, reason, bytes);
 }
 
 bool sgsi_plugin_find(void *plugin, const char *name, void *function, char *reason, size_t bytes)

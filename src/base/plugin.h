@@ -8,9 +8,9 @@
 #include <stddef.h>
 
 // Loads the plug-in `file` from `folder`, or, if it is NULL, from the folder of the program or
-// ../lib/sparegs. `global`: libraries that are loaded later see its symbols. Plug-ins stay loaded.
-// Returns the handle of dlopen, or NULL: a plug-in that exists and cannot be loaded leaves the
-// reason in reason[bytes], a missing one leaves it unchanged.
+// LIBDIR/sparegs of the installation. `global`: libraries that are loaded later see its symbols.
+// Plug-ins stay loaded. Returns the handle of dlopen, or NULL: a plug-in that exists and cannot be
+// loaded leaves the reason in reason[bytes], a missing one leaves it unchanged.
 void *sgsi_plugin_load(const char *folder, const char *file, bool global, char *reason,
                        size_t bytes);
 

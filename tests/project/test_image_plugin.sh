@@ -34,7 +34,7 @@ fails() { # TEXT
 program=$alone/sparegs
 run 0 --version
 run 0 help train
-fails "0001.jpg: the image plug-in images.so cannot be loaded: it is neither next to the program nor in ../lib/sparegs"
+fails "0001.jpg: the image plug-in images.so cannot be loaded: it is neither next to the program nor in $SPAREGS_PLUGIN_DIR"
 check nothing_is_left test ! -e "$temporary/out"
 
 # a_broken_plugin_names_the_reason: of another version, without the entry, and not a library.
@@ -49,10 +49,12 @@ fi
 echo text >"$alone/images.so"
 fails "images.so cannot be loaded: $alone/images.so: file too short"
 
-# it_is_found_in_lib
+# it_is_found_in_its_folder (an absolute one is that of the installation)
 rm "$alone/images.so"
-mkdir -p "$temporary/alone/lib/sparegs"
-cp "$SPAREGS_BUILD/images.so" "$temporary/alone/lib/sparegs/"
-run 0 "${train[@]}"
+if [ "${SPAREGS_PLUGIN_DIR#/}" = "$SPAREGS_PLUGIN_DIR" ]; then
+    mkdir -p "$alone/$SPAREGS_PLUGIN_DIR"
+    cp "$SPAREGS_BUILD/images.so" "$alone/$SPAREGS_PLUGIN_DIR/"
+    run 0 "${train[@]}"
+fi
 
 finish

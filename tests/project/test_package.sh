@@ -47,3 +47,9 @@ for expected in "libdir $temporary/b/lib" "includedir $temporary/c/include" "pre
     [ "$found" = "${expected#* }" ] || { echo "FAIL: ${expected%% *} of sparegs.pc is $found"; exit 1; }
 done
 grep -qF "RPATH \"$temporary/b/lib\"" "$temporary/absolute/cmake_install.cmake" || { echo "FAIL: the run path of the program"; exit 1; }
+
+# plug_ins_go_where_an_absolute_program_looks_for_them, whatever the prefix of the installation
+cmake -S "$SPAREGS_SOURCE" -B "$temporary/split" -DSPAREGS_TESTS=OFF -DCMAKE_INSTALL_PREFIX="$temporary/a" -DCMAKE_INSTALL_LIBDIR=lib \
+    -DCMAKE_INSTALL_BINDIR="$temporary/d/bin" >"$temporary/log" 2>&1 || { cat "$temporary/log"; exit 1; }
+grep -qF "DESTINATION \"$temporary/a/lib/sparegs\" TYPE MODULE" "$temporary/split/cmake_install.cmake" ||
+    { echo "FAIL: the folder of the plug-ins"; exit 1; }

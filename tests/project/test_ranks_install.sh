@@ -15,6 +15,12 @@ if grep -qE "^SPAREGS_SANITIZE:[A-Z]*=." "$SPAREGS_BUILD/CMakeCache.txt"; then
     echo "skipped: the MPI library is not built with a sanitizer"
     exit 77
 fi
+case $SPAREGS_PLUGIN_DIR in
+/*)
+    echo "skipped: this build is installed into absolute folders"
+    exit 77
+    ;;
+esac
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 fail() {
     echo "FAIL: $1"
@@ -24,7 +30,7 @@ fail() {
 
 prefix=$temporary/prefix
 cmake --install "$SPAREGS_BUILD" --prefix "$prefix" >"$temporary/log" || fail "installation"
-[ -e "$prefix/lib/sparegs/ranks-openmpi.so" ] || fail "no plug-in in lib/sparegs"
+[ -e "$prefix/bin/$SPAREGS_PLUGIN_DIR/ranks-openmpi.so" ] || fail "no plug-in in $SPAREGS_PLUGIN_DIR"
 if ldd "$prefix/bin/sparegs" | grep -iE "libmpi|libmpich|pmix|open-rte"; then fail "the program is linked with an MPI library"; fi
 mkdir "$temporary/bin"
 ln -s "$prefix/bin/sparegs" "$temporary/bin/sparegs"

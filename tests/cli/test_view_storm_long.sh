@@ -9,7 +9,7 @@ set -u
 source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
 cd "$SPAREGS_SOURCE" || exit 1
 cmake --preset asan -B "$SPAREGS_BUILD/asan" >/dev/null || exit 1
-cmake --build "$SPAREGS_BUILD/asan" -j "$(nproc)" --target sparegs-cli >"$temporary/build.log" || { tail "$temporary/build.log"; exit 1; }
+cmake --build "$SPAREGS_BUILD/asan" -j "$(nproc)" --target sparegs-cli >"$temporary/build.log" 2>&1 || { tail "$temporary/build.log"; exit 1; }
 run 0 train "$room" -o "$temporary/run" --iterations 60 --downscale 8 --quiet
 sanitized=$SPAREGS_BUILD/asan/sparegs
 last_command="sparegs view"

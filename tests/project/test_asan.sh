@@ -9,7 +9,6 @@ cd "$SPAREGS_SOURCE"
 tests=(test_colmap test_transforms test_ply_errors test_checkpoint test_spare test_renderer_gradient test_scene_create)
 build=$SPAREGS_BUILD/asan
 cmake --preset asan -B "$build" >/dev/null
-mkdir -p "$build"
 if ! cmake --build "$build" -j "$(nproc)" --target "${tests[@]}" fit_image render_ply >"$build/build.log" 2>&1; then
     grep -E 'warning:|error:' "$build/build.log" || tail -n 20 "$build/build.log"
     exit 1

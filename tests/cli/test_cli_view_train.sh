@@ -72,9 +72,10 @@ start viewed --iterations 300 --view-share 50
 ends 0
 wait "$first" "$second"
 port=0
+pictures_of() { tail -n 1 "$temporary/$1"; }
 hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }
 check same_model_with_two_moving_pages test "$(hash_of alone)" = "$(hash_of viewed)"
-check pages_saw_pictures test "$(cat "$temporary/first")" -gt 0 -a "$(cat "$temporary/second")" -gt 0
+check pages_saw_pictures test "$(pictures_of first)" -gt 0 -a "$(pictures_of second)" -gt 0
 check same_files cmp "$temporary/alone/point_cloud/iteration_300/point_cloud.ply" "$temporary/viewed/point_cloud/iteration_300/point_cloud.ply"
 
 # pages_control_the_run: pause, checkpoint while paused, continue, tables, regions, stop.
@@ -106,10 +107,12 @@ start stopped --iterations 100000 --json
 check json_has_stdout_for_itself test "$(grep -c http "$temporary/stopped.out")" -eq 0
 python3 "$client" "$url" move >"$temporary/first" 2>&1 &
 first=$!
-wait_for . "$temporary/first" # the page is connected
+wait_for 'first picture' "$temporary/first"
+check the_page_is_connected grep -q 'first picture' "$temporary/first"
 kill -TERM "$training"
 ends 143
 wait "$first" || true # its connection ends with the program
+check the_page_saw_pictures test "$(pictures_of first)" -gt 0
 check the_result_is_json jq -e .model_hash "$temporary/stopped.out"
 
 if is_long; then # the pause from above
@@ -135,11 +138,12 @@ python3 -c 'import pty, sys; pty.spawn(sys.argv[1:])' "$program" train "$room" -
 training=$!
 wait_for http "$temporary/terminal.out"
 url=$(grep -o 'http://[^ [:cntrl:]]*' "$temporary/terminal.out" | head -1)
+wait_for 'ETA [0-9]' "$temporary/terminal.out" # the rate is known
 page action pause leave
 wait_for 'primitives  paused  RSS' "$temporary/terminal.out"
 check the_line_says_paused grep -q 'primitives  paused  RSS' "$temporary/terminal.out"
 # The bar leaves room for the numbers in 80 columns.
-check the_line_has_the_remaining_time grep -qE 'it/s  ETA [0-9]+:[0-9]+  RSS' "$temporary/terminal.out"
+check the_line_has_the_remaining_time grep -qE 'it/s  ETA [0-9]+(:[0-9]{2}){1,2}  RSS' "$temporary/terminal.out"
 page action stop
 wait "$training"
 

@@ -469,7 +469,8 @@ def when_served(url, seconds=120):
 
 
 def move(url, early=""):
-    """Moves until the connection ends; prints the number of pictures. With `early`, waits for the server."""
+    """Moves until the connection ends; prints a line after the first picture and the number of pictures at the end. With
+    `early`, waits for the server."""
     count = 0
     try:
         page = when_served(url) if early else Page(url)
@@ -481,6 +482,8 @@ def move(url, early=""):
                               "height": 90, "camera_to_world": matrix, "fov": 50})
             page.wait("picture")
             count += 1
+            if count == 1:
+                print("first picture", flush=True)
     except (Closed, OSError):
         print(count)
 

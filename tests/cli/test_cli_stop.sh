@@ -139,16 +139,23 @@ wait_for_iteration_100
 kill -HUP "$process" || true
 finish_with 0
 
-# a_signal_ends_the_rendering_of_a_view (4096 samples take a minute), without files
-last_command="sparegs render --spp 4096"
+# a_signal_ends_the_rendering_of_a_view, without its file (the file of a small first view shows that the large one has
+# begun, which takes minutes)
+last_command="sparegs render --spp 1024"
 mkdir -p "$temporary/drawn"
-"$program" render "$out" "$room" --view 0009 --aov rgba --spp 4096 -o "$temporary/drawn" >"$temporary/stdout" 2>"$temporary/stderr" &
+jq '[(.[0] | .width = 16 | .height = 16), (.[1] | .width = 1600 | .height = 1200)]' "$out/cameras.json" >"$temporary/cameras.json"
+"$program" render "$out" --camera "$temporary/cameras.json" --aov rgba --spp 1024 --threads 1 -o "$temporary/drawn" \
+    >"$temporary/stdout" 2>"$temporary/stderr" &
 process=$!
-sleep 1
+for _ in $(seq 2400); do
+    if [ -e "$temporary/drawn/0001.exr" ] || ! kill -0 "$process" 2>/dev/null; then break; fi
+    sleep 0.05
+done
 check it_renders kill -0 "$process"
-kill -INT "$process"
-finish_with 130
-check there_are_no_files test -z "$(find "$temporary/drawn" -type f)"
+check the_first_view_is_written test -s "$temporary/drawn/0001.exr"
+kill -TERM "$process"
+finish_with 143
+check there_is_no_other_file test "$(find "$temporary/drawn" -type f)" = "$temporary/drawn/0001.exr"
 
 # a_closed_stderr_does_not_end_the_run
 rm -rf "$out"

@@ -49,7 +49,7 @@ last_command="coarse.sh and blocks.sh"
 check coarse_trains bash "$dir/coarse.sh" --iterations 90 "${options[@]}"
 check block_0_trains env SLURM_ARRAY_TASK_ID=0 bash "$dir/blocks.sh" --iterations 90 "${options[@]}"
 run 0 train "$room" -o "$temporary/straight" --region "$dir/blocks.json:1" --init "$dir/coarse" --iterations 90 "${options[@]}"
-env SLURM_ARRAY_TASK_ID=1 bash "$dir/blocks.sh" --iterations 90 --checkpoint-every 30 "${options[@]}" >/dev/null 2>&1
+check block_1_trains env SLURM_ARRAY_TASK_ID=1 bash "$dir/blocks.sh" --iterations 90 --checkpoint-every 30 "${options[@]}"
 # As if it had been killed after the checkpoint of iteration 60.
 mv "$dir/block_1/checkpoint/state.previous.bin" "$dir/block_1/checkpoint/state.bin"
 rm -r "$dir/block_1/summary.json" "$dir/block_1/point_cloud"

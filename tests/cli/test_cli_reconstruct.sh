@@ -226,4 +226,5 @@ status=0
 wait "$child" || status=$?
 last_command="a signal"
 check stopped_by_the_signal test "$status" = 143
+check colmap_has_ended bash -c '! kill -0 "$0"' "$(cat "$CALLS.pid")"
 finish

@@ -13,7 +13,10 @@ cp "$temporary/stdout" "$temporary/help"
 run 0 help
 check help_of_help_is_the_help cmp "$temporary/stdout" "$temporary/help"
 for command in train eval render info reconstruct; do prints "  $command"; done
-for command in $("$program" help --json | jq -r '.commands[].command'); do
+run 0 help --json
+commands=$(jq -r '.commands[].command' "$temporary/stdout")
+check the_commands_are_listed grep -qx train <<<"$commands"
+for command in $commands; do
     run 0 help "$command"
     prints "Usage: sparegs $command"
     case $command in

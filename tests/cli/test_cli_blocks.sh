@@ -73,8 +73,8 @@ mv "$dir/kept" "$dir/coarse"
 mkdir "$temporary/bin"
 printf '#!/bin/bash\necho "$@" >"%s/requeued"\n' "$temporary" >"$temporary/bin/scontrol"
 chmod +x "$temporary/bin/scontrol"
-task() { # ID: starts task 1 of the two blocks in the background
-    PATH=$temporary/bin:$PATH COARSE=$dir/coarse SLURM_JOB_ID=$1 SLURM_ARRAY_TASK_ID=1 \
+task() { # ID [NAME=VALUE...]: starts task 1 of the two blocks in the background
+    env PATH="$temporary/bin:$PATH" COARSE="$dir/coarse" SLURM_JOB_ID="$1" SLURM_ARRAY_TASK_ID=1 "${@:2}" \
         bash "$temporary/json/blocks.sh" --iterations 100000 "${options[@]}" >/dev/null 2>"$temporary/stderr" &
     job=$!
 }
@@ -94,9 +94,10 @@ check the_status_is_that_of_sigterm test "$status" -eq 143
 check the_task_is_requeued grep -qx 'requeue 41' "$temporary/requeued"
 json "$temporary/json/block_1/summary.json" '.stop_reason == "signal" and .iterations >= 100'
 first=$(jq .iterations "$temporary/json/block_1/summary.json")
-task 42
+# The last task of an array has the job ID of the array, by which scontrol would requeue all of its tasks.
+task 42 SLURM_ARRAY_JOB_ID=42
 stop_after $((first + 100))
-check it_is_requeued_again grep -qx 'requeue 42' "$temporary/requeued"
+check only_its_task_is_requeued grep -qx 'requeue 42_1' "$temporary/requeued"
 json "$temporary/json/block_1/summary.json" ".iterations > $first"
 json "$temporary/json/block_1/config.json" ".resumed[0].iteration == $first"
 

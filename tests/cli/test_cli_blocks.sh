@@ -139,6 +139,21 @@ mv "$dir" "$temporary/moved"
 run 0 merge "$temporary/moved" "$room" -o "$temporary/from_moved" --seam-images 2 --json
 json "$temporary/stdout" '.seams.reference_psnr_seam > 5 and '"$compared"'.psnr_seam == .seams.psnr_seam'
 check the_moved_script_continues env SLURM_ARRAY_TASK_ID=0 bash "$temporary/moved/blocks.sh" --iterations 90 "${options[@]}"
+# Slurm runs copies of the scripts in a folder of its own.
+mkdir "$temporary/spool"
+for script in coarse blocks; do
+    cp "$temporary/moved/$script.sh" "$temporary/spool/slurm_script"
+    last_command="a copy of $script.sh"
+    check a_copy_finds_the_blocks env SLURM_SUBMIT_DIR="$temporary/moved" SLURM_ARRAY_TASK_ID=0 \
+        bash "$temporary/spool/slurm_script" --iterations 90 "${options[@]}"
+    for place in "SLURM_SUBMIT_DIR=$temporary" SLURM_SUBMIT_DIR=; do
+        status=0
+        env "$place" bash "$temporary/spool/slurm_script" --iterations 90 "${options[@]}" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
+        check it_ends_without_blocks test "$status" -eq 1 -a "$(wc -l <"$temporary/stderr")" -eq 1
+        reports "$dir: no blocks.json here or in $temporary"
+    done
+done
+check nothing_was_trained_elsewhere test ! -e "$temporary/spool/coarse" -a ! -e "$temporary/coarse" -a ! -e "$temporary/block_0" -a ! -e "$dir"
 mv "$temporary/moved/coarse" "$temporary/gone"
 run 0 merge "$temporary/moved" "$room" -o "$temporary/from_moved" --seam-images 2 --json --overwrite
 reports "the model that the blocks started from is missing or was trained again"

@@ -72,6 +72,20 @@ static bool agrees(const merged_blocks *merged, size_t block)
     return true;
 }
 
+// True if the block started from the same model as block 0. Blocks of several models do not fit
+// together at their faces.
+static bool has_common_start(const merged_blocks *merged, size_t block)
+{
+    const json_t *first = json_object_get(merged->configs[0], "init_hash"),
+                 *own = json_object_get(merged->configs[block], "init_hash");
+    if (!first || !own || json_equal(first, own))
+        return true;
+    fail_run("%s/block_%zu: started from another model than %s/block_0; train one of them again, "
+             "with the --init of the other and --overwrite",
+             merged->folder, block, merged->folder);
+    return false;
+}
+
 static bool check_block(merged_blocks *merged, size_t block)
 {
     json_t *const config = read_block_file(merged, block, "config.json");
@@ -100,7 +114,7 @@ static bool check_block(merged_blocks *merged, size_t block)
         fail_run("%s/block_%zu: is unfinished (stopped by: %s); continue it with --resume",
                  merged->folder, block, reason ? reason : "unknown");
     json_decref(summary);
-    return complete && agrees(merged, block);
+    return complete && agrees(merged, block) && has_common_start(merged, block);
 }
 
 bool merged_blocks_check(merged_blocks *merged, const char *folder)

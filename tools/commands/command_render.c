@@ -649,6 +649,10 @@ static int check_values(const command_line *line, const render_values *values,
             : values->aperture > 0      ? "--aperture"
             : values->output && sampled ? "--spp"
                                         : "--video without -o");
+    if (values->format != FORMAT_EXR && values->compression != SGS_EXR_AUTO &&
+        values->compression != SGS_EXR_ZIPS && values->compression != SGS_EXR_NONE)
+        return fail_usage("--compression zip, piz and dwaa require --format exr; deep files have "
+                          "zips, or none with --compression none");
     if (values->projection && option_given(line, "path-lens"))
         return refuse_idle(line, "path-lens", "with --projection equirectangular");
     if (values->overscan > 0 && (values->film || values->projection))

@@ -184,6 +184,37 @@ reports "--fps requires --video"
 run 2 render "$model" "$room" --view 0001 --fps 24 -o "$temporary/none"
 reports "--fps has no effect on --view, a still image"
 
+# existing_frames_are_skipped (a frame whose files do not all exist is rendered; the ranges of the PNGs are those of all)
+frames=("$model" "$room" --orbit 4 --size 32x20 --json)
+deep=(--aov rgba,depth --deep --save-cameras json,chan,usda) png=(--aov rgba,depth --format png)
+for kind in deep png; do
+    declare -n these=$kind
+    run 0 render "${frames[@]}" "${these[@]}" -o "$temporary/all_$kind"
+    json "$temporary/stdout" 'has("skipped") | not'
+    cp -r "$temporary/all_$kind" "$temporary/part_$kind"
+    cp "$temporary/stdout" "$temporary/all_$kind.json"
+done
+rm "$temporary/part_deep/orbit_00001.deep.exr" "$temporary/part_deep/orbit_00003.exr" "$temporary/part_deep"/cameras.*
+rm "$temporary/part_png/orbit_00000.png" "$temporary/part_png/orbit_00002.depth.png"
+echo kept >"$temporary/part_deep/orbit_00002.exr"
+cp "$temporary/part_deep/orbit_00002.exr" "$temporary/all_deep/orbit_00002.exr"
+run 0 render "${frames[@]}" "${deep[@]}" --skip-existing -o "$temporary/part_deep"
+json "$temporary/stdout" '.skipped == 2 and ([.files[] | sub(".*/"; "")] == ["cameras.json", "cameras.chan", "cameras.usda"] +
+    [(1, 3) | "orbit_0000\(.)" | (. + ".deep.exr", . + ".exr")])'
+reports "2 view(s) skipped: their files exist"
+check the_same_files diff -r "$temporary/all_deep" "$temporary/part_deep"
+run 0 render "${frames[@]}" "${png[@]}" --skip-existing -o "$temporary/part_png"
+json "$temporary/stdout" ".skipped == 2 and .ranges == $(jq -c .ranges "$temporary/all_png.json")"
+check the_same_files diff -r "$temporary/all_png" "$temporary/part_png"
+run 0 render "${frames[@]}" "${png[@]}" --skip-existing -o "$temporary/part_png"
+json "$temporary/stdout" '.skipped == 4'
+check the_same_files diff -r "$temporary/all_png" "$temporary/part_png"
+run 0 render "${frames[@]}" "${png[@]}" --skip-existing -o "$temporary/new_png" # nothing exists
+json "$temporary/stdout" '.skipped == 0'
+check the_same_files diff -r "$temporary/all_png" "$temporary/new_png"
+run 2 render "${frames[@]}" --skip-existing --video "$temporary/film.mp4" -o "$temporary/part_png"
+reports "--skip-existing and --video are mutually exclusive"
+
 # size_keeps_the_vertical_field_of_view: the centre of a wide image equals the narrow one
 run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary/wide"
 run 0 render "$model" "$room" --view 0009 --size 40x40 --aov rgba -o "$temporary/narrow"

@@ -39,7 +39,7 @@ typedef struct render_values {
     const char *output, *view, *camera;
     int split, format, encoding, depth, compression;
     unsigned aovs, save_cameras;
-    bool reference, half, deep;
+    bool reference, half, deep, skip_existing;
     double deep_tolerance;
     int deep_max;
     const char *frames, *size, *film, *depth_range;
@@ -145,6 +145,12 @@ static const option render_options[] = {
      .argument = "A-B[:STEP]",
      .shown = "all",
      .help = "render only this range of the selected views, counted from 0"},
+    {.name = "skip-existing",
+     .kind = OPTION_FLAG,
+     .offset = AT(skip_existing),
+     .needs = "output",
+     .help = "skip frames whose files all exist, to continue a command that was stopped; other "
+             "files (cameras) are written for all frames; not with --video"},
     {.name = "size",
      .kind = OPTION_TEXT,
      .offset = AT(size),
@@ -388,6 +394,8 @@ static void merge_drawn(const json_t *all, size_t views, bool filmed, json_t *be
 // Reports `before` and the files of all ranks in the order of the views, and what was drawn.
 static bool report_drawn(const view_drawer *drawer, size_t views, json_t *before)
 {
+    if (drawer->skipped)
+        print_note("%zu view(s) skipped: their files exist", drawer->skipped);
     if (!group_ranks()) {
         print_note("%zu view(s): %.2f s rendering, %.2f s writing in parallel", drawer->drawn,
                    drawer->draw_seconds, drawer->write_seconds);
@@ -430,12 +438,15 @@ static bool draw_views(view_drawer *drawer, const camera_list *cameras)
     return done;
 }
 
-static bool render_views(const sgs_gaussians *model, const camera_list *cameras,
+// With `skip`, cameras whose files exist are removed from the list.
+static bool render_views(const sgs_gaussians *model, camera_list *cameras, bool skip,
                          const view_options *options, const drawing_values *drawing, json_t *before)
 {
     view_drawer drawer;
     bool done = group_all(view_drawer_open(&drawer, options, drawing, model) &&
                           view_drawer_prepare(&drawer, cameras));
+    if (done && skip && !drawer.cancelled)
+        done = view_drawer_skip_existing(&drawer, cameras);
     done = done && (drawer.cancelled || draw_views(&drawer, cameras));
     done = view_drawer_finish(&drawer) && done;
     done = group_all(done); // the last views of all ranks, before the video replaces another one
@@ -526,7 +537,7 @@ static bool render_model(const command_line *line, const model_path *located, ca
     done = group_all(done) &&
            find_regions(located->run ? located->run : line->operands[0], located->iteration, model,
                         &regions, &options.aovs) &&
-           render_views(model, cameras, &options, drawing, before);
+           render_views(model, cameras, values->skip_existing, &options, drawing, before);
     json_decref(before);
     region_map_free(&regions);
     sgs_gaussians_destroy(model);
@@ -653,6 +664,9 @@ static int check_values(const command_line *line, const render_values *values,
         values->compression != SGS_EXR_ZIPS && values->compression != SGS_EXR_NONE)
         return fail_usage("--compression zip, piz and dwaa require --format exr; deep files have "
                           "zips, or none with --compression none");
+    if (values->skip_existing && values->film)
+        return fail_usage("--skip-existing and --video are mutually exclusive; a video requires "
+                          "all of its frames");
     if (values->projection && option_given(line, "path-lens"))
         return refuse_idle(line, "path-lens", "with --projection equirectangular");
     if (values->overscan > 0 && (values->film || values->projection))

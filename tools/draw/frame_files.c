@@ -25,6 +25,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "cameras/camera_export.h"
 #include "cli/output.h"
@@ -50,6 +51,8 @@ static const char deep_ray_depth[] =
 static const char deep_axis_depth[] =
     "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
     "perpendicular to the image plane), scene units";
+
+static const char flat_suffix[] = ".exr", deep_suffix[] = ".deep.exr";
 
 // The scene-linear value of a model colour.
 static float light_of(const frame_files *files, float value)
@@ -267,7 +270,7 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
 bool frame_write_exr(const frame_files *files, sgs_frame *frame)
 {
     made_planes made;
-    char *path = format_text("%s/%s.exr", files->folder, files->stem);
+    char *path = format_text("%s/%s%s", files->folder, files->stem, flat_suffix);
     bool written = make_planes(files, frame, &made);
     if (written && files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA)
         linearise(files, frame);
@@ -303,7 +306,7 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
     info.depth_definition = files->axis_depth ? deep_axis_depth : deep_ray_depth;
     *file = (deep_file){.files = files,
                         .frame = frame,
-                        .path = format_text("%s/%s.deep.exr", files->folder, files->stem)};
+                        .path = format_text("%s/%s%s", files->folder, files->stem, deep_suffix)};
     if (make_folder_of(file->path)) {
         if (!sgs_exr_deep_open(file->path, &info, max_samples, &file->exr))
             return file;
@@ -482,17 +485,25 @@ bool frame_aov_picture(const frame_files *files, const sgs_frame *frame, int k, 
     return drawn;
 }
 
+// The ending of the picture of row k.
+enum { SUFFIX_LENGTH = 40 };
+static void picture_suffix(int k, char suffix[SUFFIX_LENGTH])
+{
+    if (aov_rows[k].picture == AOV_PICTURE_COLOR)
+        snprintf(suffix, SUFFIX_LENGTH, ".png");
+    else
+        snprintf(suffix, SUFFIX_LENGTH, ".%s.png", aov_words[k]);
+}
+
 // Writes the picture of a row. The description of a ramp holds its range.
 static bool write_quantity(const frame_files *files, const sgs_frame *frame, int k)
 {
     sgs_image8 image = {0};
     if (!frame_aov_picture(files, frame, k, &image))
         return false;
-    if (aov_rows[k].picture == AOV_PICTURE_COLOR)
-        return write_image(files, ".png", NULL, &image);
     const value_range range = files->ranges->of[k][0];
-    char suffix[40], description[120];
-    snprintf(suffix, sizeof suffix, ".%s.png", aov_words[k]);
+    char suffix[SUFFIX_LENGTH], description[120];
+    picture_suffix(k, suffix);
     snprintf(description, sizeof description,
              "%s: colours from dark to light represent %.9g to %.9g", aov_words[k],
              (double)range.low, (double)range.high);
@@ -507,4 +518,27 @@ bool frame_write_png(const frame_files *files, const sgs_frame *frame)
         if (files->aovs >> k & 1)
             written = write_quantity(files, frame, k);
     return written;
+}
+
+// ---- Files of an earlier command ----
+
+static bool has_file(const char *folder, const char *stem, const char *suffix)
+{
+    struct stat info;
+    char *path = format_text("%s/%s%s", folder, stem, suffix);
+    const bool has = !stat(path, &info) && S_ISREG(info.st_mode);
+    free(path);
+    return has;
+}
+
+bool frame_files_exist(const char *folder, const char *stem, unsigned aovs, bool png, bool deep)
+{
+    bool exist = (png || has_file(folder, stem, flat_suffix)) &&
+                 (!deep || has_file(folder, stem, deep_suffix));
+    for (int k = 0; k < AOV_ROWS && exist && png; ++k) {
+        char suffix[SUFFIX_LENGTH];
+        picture_suffix(k, suffix);
+        exist = !(aovs >> k & 1) || has_file(folder, stem, suffix);
+    }
+    return exist;
 }

@@ -343,6 +343,34 @@ bool view_drawer_prepare(view_drawer *drawer, const camera_list *views)
     return done || drawer->cancelled;
 }
 
+// ---- Views of an earlier command ----
+
+bool view_drawer_skip_existing(view_drawer *drawer, camera_list *views)
+{
+    const view_options *o = drawer->options;
+    json_t *missing = json_array();
+    for (size_t i = 0; i < views->count; ++i)
+        json_array_append_new(missing,
+                              json_boolean(!frame_files_exist(o->folder, views->cameras[i].stem,
+                                                              o->aovs, o->png, o->deep)));
+    // One answer for all: the others may begin to write before a slow rank has looked.
+    missing = group_json(missing);
+    const bool done = group_all(json_array_size(missing) == views->count);
+    size_t kept = 0;
+    for (size_t i = 0; i < views->count && done; ++i)
+        if (json_is_true(json_array_get(missing, i)))
+            views->cameras[kept++] = views->cameras[i];
+        else
+            named_camera_free(&views->cameras[i]);
+    if (done) {
+        drawer->skipped = views->count - kept;
+        views->count = kept;
+        reported_files_set("skipped", json_integer((json_int_t)drawer->skipped));
+    }
+    json_decref(missing);
+    return done;
+}
+
 // ---- Output ----
 
 static bool open_film(view_drawer *drawer)

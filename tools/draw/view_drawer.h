@@ -51,7 +51,7 @@ typedef struct view_drawer {
     size_t round_views;
     bool filmed;    // the video is complete
     bool cancelled; // a signal ended the rendering of a view, which is not written
-    size_t drawn;
+    size_t drawn, skipped;
     double draw_seconds, write_seconds;
 } view_drawer;
 
@@ -63,6 +63,9 @@ bool view_drawer_open(view_drawer *drawer, const view_options *options,
 // reports them. Call it before the first view. False after printing the error. Without ranks, a
 // signal cancels this and the next function.
 bool view_drawer_prepare(view_drawer *drawer, const camera_list *views);
+// Removes the views whose files all exist on rank 0 from the list. Collective; false on all ranks
+// if one fails.
+bool view_drawer_skip_existing(view_drawer *drawer, camera_list *views);
 // The view must stay valid until the next call. False after printing the error of this view or of
 // the previous one.
 bool view_drawer_draw(view_drawer *drawer, const named_camera *view);

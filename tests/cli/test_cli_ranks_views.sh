@@ -85,6 +85,16 @@ for views in 5 1; do
     check the_same_images diff -r "$temporary/images_of_one$views" "$temporary/images$views"
 done
 
+# Views whose files exist are skipped; the ranks share the others.
+images=("$model" "$room" --orbit 5 --size 60x34 --format png --aov rgba,depth --quiet)
+rm "$temporary/images5/orbit_00001.png" "$temporary/images5"/orbit_00003.*png
+ranks 0 3 render "${images[@]}" --skip-existing --json -o "$temporary/images5"
+json "$temporary/stdout" '.skipped == 3 and ([.files[] | sub(".*/"; "")] == ["cameras.json"] + [(1, 3) | "orbit_0000\(.)" |
+    (. + ".png", . + ".depth.png")])'
+check the_same_images diff -r "$temporary/images_of_one5" "$temporary/images5"
+ranks 0 3 render "${images[@]}" --skip-existing --json -o "$temporary/images5"
+json "$temporary/stdout" '.skipped == 5 and (.files | length) == 1'
+
 # ---- Failures end all ranks in the same round ----
 long=("$model" "$room" --orbit 60 --size 168x96 --quiet)
 export ENCODES=100000

@@ -36,6 +36,30 @@ for frames in 0-3 0-1 2-3; do
 done
 json "$temporary/parts/cameras.json" 'map([.id, .img_name]) == [range(4) | [., "orbit_0000\(.)"]]'
 check same_frame oiiotool --fail 0 "$temporary/orbit/orbit_00003.exr" "$temporary/some/orbit_00003.exr" --diff
+# the_first_frame_has_the_given_number (in names, .chan and .usda; --frames and ids count from 0)
+run 0 render "$model" "$room" --orbit 4 --first-frame 1001 --frames 1-2 --aov rgba --save-cameras json,chan,usda -o "$temporary/shot"
+check frames_from_1001 test "$(pictures "$temporary/shot" exr)" = 'orbit_01002.exr orbit_01003.exr '
+check same_frame oiiotool --fail 0 "$temporary/orbit/orbit_00001.exr" "$temporary/shot/orbit_01002.exr" --diff
+json "$temporary/shot/cameras.json" 'map([.id, .img_name]) == [range(4) | [., "orbit_0\(. + 1001)"]]'
+check chan_from_1001 test "$(cut -f 1 "$temporary/shot/cameras.chan" | tr '\n' ' ')" = '1001 1002 1003 1004 '
+check usda_from_1001 test "$(grep -oE '(start|end)TimeCode = [0-9]+' "$temporary/shot/cameras.usda" | tr '\n' ' ')" = \
+    'startTimeCode = 1001 endTimeCode = 1004 '
+check every_usda_sample_from_1001 test "$(grep -oE '^        [0-9]+:' "$temporary/shot/cameras.usda" | sort | uniq -c | tr -d ' :\n')" = \
+    61001610026100361004
+run 0 render "$model" "$room" --spiral 2 --first-frame 7 --size 32x20 --aov rgba -o "$temporary/shot_spiral"
+check frames_from_7 test "$(pictures "$temporary/shot_spiral" exr)" = 'spiral_00007.exr spiral_00008.exr '
+run 2 render "$model" "$room" --first-frame 7 -o "$temporary/none"
+reports "--first-frame requires --orbit"
+run 1 render "$model" --camera "$temporary/shot/cameras.json" --first-frame 7 -o "$temporary/none"
+reports "shot/cameras.json: --first-frame has no effect on cameras with names"
+one_line
+jq 'map(del(.img_name))' "$temporary/shot/cameras.json" >"$temporary/nameless.json"
+run 0 render "$model" --camera "$temporary/nameless.json" --first-frame 7 --frames 3 --size 32x20 --aov rgba -o "$temporary/shot_nameless"
+check frame_10 test "$(pictures "$temporary/shot_nameless" exr)" = 'camera_10.exr '
+run 0 render "$model" --camera "$temporary/shot/cameras.json" --first-frame 7 --frames 0 --size 32x20 --aov rgba --save-cameras chan \
+    -o "$temporary/shot_named"
+check names_are_kept test "$(pictures "$temporary/shot_named" exr)" = 'orbit_01001.exr '
+check chan_from_7 test "$(cut -f 1 "$temporary/shot_named/cameras.chan" | tr '\n' ' ')" = '7 8 9 10 '
 run 0 render "$model" "$room" --spiral 3 --frames 2 --size 50x40 --aov rgba -o "$temporary/spiral"
 check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '
 check size_is_as_requested test "$(size_of "$temporary/spiral/spiral_00002.exr")" = 50x40
@@ -43,7 +67,7 @@ run 1 render "$model" "$room" --orbit 4 --frames 4-9 -o "$temporary/none"
 one_line
 reports "the frames are 0 to 3"
 for bad in '--frames 3-1' '--frames x' '--frames 1:' '--frames 1-2:0' '--size 10' '--size 0x5' '--size 5x70000' '--orbit 0' \
-    '--spiral -1' '--spp 0' '--spp 5000' '--aperture -1' '--focus -2' '--fps 0' '--projection flat'; do
+    '--spiral -1' '--first-frame -1' '--first-frame 1.5' '--spp 0' '--spp 5000' '--aperture -1' '--focus -2' '--fps 0' '--projection flat'; do
     # shellcheck disable=SC2086
     run 2 render "$model" "$room" $bad -o "$temporary/none"
     reports "${bad% *}"
@@ -359,6 +383,8 @@ jq '.[0] |= (.fx = .fy | del(.cx, .cy, .camera_model, .params) | .img_name = "fr
 run 0 render "$model" --camera "$temporary/path.json" --aov rgba -o "$temporary/path"
 run 0 render "$model" --camera "$temporary/same.json" --aov rgba -o "$temporary/same"
 check same_picture oiiotool --fail 0.001 "$temporary/path/frame_00000.exr" "$temporary/same/frame_00000.exr" --diff
+run 0 render "$model" --camera "$temporary/path.json" --first-frame 1001 --size 32x20 --aov rgba -o "$temporary/shot_path"
+check path_from_1001 test "$(pictures "$temporary/shot_path" exr)" = 'frame_01001.exr '
 jq '.camera_type = "equirectangular"' "$temporary/path.json" >"$temporary/around.json"
 run 0 render "$model" --camera "$temporary/around.json" --size 64x32 --aov rgba -o "$temporary/path"
 for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 7' '.camera_path[0].camera_to_world = [1]' \

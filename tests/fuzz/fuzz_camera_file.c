@@ -38,7 +38,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     const char *path = fuzz_file("input", data, size);
     camera_list list;
-    if (!camera_file_read(path, &list)) {
+    if (!camera_file_read(path, 0, &list)) {
         FUZZ_REQUIRE(strstr(message, path) && !list.cameras && !list.count);
         return 0;
     }

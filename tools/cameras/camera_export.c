@@ -85,7 +85,7 @@ static void write_chan(FILE *out, const camera_list *list, double fps)
 {
     (void)fps; // not in this format
     for (size_t i = 0; i < list->count; ++i)
-        chan_line(out, &list->cameras[i], i);
+        chan_line(out, &list->cameras[i], (size_t)list->first + i);
 }
 
 // Values of a camera in USD's terms.
@@ -112,7 +112,7 @@ static void usd_samples(FILE *out, const camera_list *list, const char *name, si
         const film values = film_of(&list->cameras[i].camera);
         double value;
         memcpy(&value, (const char *)&values + offset, sizeof value);
-        fprintf(out, "        %zu: %.9g,\n", i, value);
+        fprintf(out, "        %zu: %.9g,\n", (size_t)list->first + i, value);
     }
     fputs("    }\n", out);
 }
@@ -120,11 +120,11 @@ static void usd_samples(FILE *out, const camera_list *list, const char *name, si
 static void write_usda(FILE *out, const camera_list *list, double fps)
 {
     fprintf(out,
-            "#usda 1.0\n(\n    defaultPrim = \"camera\"\n    startTimeCode = 0\n"
+            "#usda 1.0\n(\n    defaultPrim = \"camera\"\n    startTimeCode = %d\n"
             "    endTimeCode = %zu\n    timeCodesPerSecond = %.9g\n    framesPerSecond = %.9g\n"
             "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n\ndef Camera \"camera\"\n{\n"
             "    token projection = \"perspective\"\n    float2 clippingRange = (0.01, 100000)\n",
-            list->count - 1, fps, fps);
+            list->first, (size_t)list->first + list->count - 1, fps, fps);
     usd_samples(out, list, "focalLength", offsetof(film, focal));
     usd_samples(out, list, "horizontalAperture", offsetof(film, width));
     usd_samples(out, list, "verticalAperture", offsetof(film, height));
@@ -138,7 +138,8 @@ static void write_usda(FILE *out, const camera_list *list, double fps)
         fprintf(out,
                 "        %zu: ((%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 0), "
                 "(%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 1)),\n",
-                i, a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0], c[1], c[2]);
+                (size_t)list->first + i, a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0],
+                c[1], c[2]);
     }
     fputs("    }\n    uniform token[] xformOpOrder = [\"xformOp:transform\"]\n}\n", out);
 }

@@ -10,9 +10,10 @@
 
 enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
 
-// Writes FOLDER/cameras.json, .chan, .usda for the bits of `formats`. Frames and ids are positions
-// in the list; fps, frames per second (> 0), is that of .usda. False after printing the error, also
-// for cameras that are not perspective where .chan or .usda is wanted. Warns about distortion.
+// Writes FOLDER/cameras.json, .chan, .usda for the bits of `formats`. Ids are positions in the
+// list, frames are counted from list->first; fps, frames per second (> 0), is that of .usda. False
+// after printing the error, also for cameras that are not perspective where .chan or .usda is
+// wanted. Warns about distortion.
 bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps);
 
 // The pinhole with the scale of the lens at the principal point: focal lengths and principal point

@@ -114,9 +114,10 @@ static const char *read_camera(const json_t *entry, named_camera *camera)
     return sgs_camera_validate(&camera->camera) ? sgs_last_error() : NULL;
 }
 
-static bool read_all(const char *path, const json_t *root, named_camera *cameras, size_t count)
+static bool read_all(const char *path, const json_t *root, camera_list *list)
 {
-    for (size_t i = 0; i < count; ++i) {
+    named_camera *const cameras = list->cameras;
+    for (size_t i = 0; i < list->count; ++i) {
         const json_t *entry = json_is_array(root) ? json_array_get(root, i) : root;
         const char *problem = read_camera(entry, &cameras[i]);
         if (problem) {
@@ -124,7 +125,9 @@ static bool read_all(const char *path, const json_t *root, named_camera *cameras
             return false;
         }
         const char *name = json_string_value(json_object_get(entry, "img_name"));
-        cameras[i].name = name ? format_text("%s", name) : format_text("camera_%zu", i);
+        cameras[i].name =
+            name ? format_text("%s", name) : format_text("camera_%zu", (size_t)list->first + i);
+        list->is_numbered = list->is_numbered || !name;
     }
     return true;
 }
@@ -217,8 +220,9 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
             fail_run("%s: camera_path: frame %zu: %s", path, i, problem);
             return false;
         }
-        list->cameras[i].name = format_text("frame_%05zu", i);
+        list->cameras[i].name = format_text("frame_%05zu", (size_t)list->first + i);
     }
+    list->is_numbered = true;
     return true;
 }
 
@@ -237,9 +241,9 @@ bool camera_file_is_scene(const char *path)
     return is_scene;
 }
 
-bool camera_file_read(const char *path, camera_list *list)
+bool camera_file_read(const char *path, int first, camera_list *list)
 {
-    *list = (camera_list){0};
+    *list = (camera_list){.first = first};
     const char *ending = strrchr(path, '.');
     if (ending && (!strcasecmp(ending, ".usda") || !strcasecmp(ending, ".chan"))) {
         fail_run("%s: cameras are read from cameras.json, from the camera path of nerfstudio and "
@@ -265,8 +269,7 @@ bool camera_file_read(const char *path, camera_list *list)
     bool done = list->cameras && list->count;
     if (!done)
         fail_run("%s: contains no cameras", path);
-    done = done && (frames ? read_path(path, root, list)
-                           : read_all(path, root, list->cameras, list->count));
+    done = done && (frames ? read_path(path, root, list) : read_all(path, root, list));
     json_decref(root);
     if (!done)
         camera_list_free(list);

@@ -21,8 +21,10 @@ typedef struct named_camera {
 typedef struct camera_list {
     named_camera *cameras; // [count]
     size_t count;
-    double fps; // of a path, 0 = unspecified
-    double arc; // of an orbit that is not a full circle, degrees; else 0
+    double fps;       // of a path, 0 = unspecified
+    double arc;       // of an orbit that is not a full circle, degrees; else 0
+    int first;        // number of the first camera as a frame
+    bool is_numbered; // some names contain such a number
 } camera_list;
 
 // True for a transforms.json, which sgs_scene_load reads: it has "frames".
@@ -31,9 +33,10 @@ bool camera_file_is_scene(const char *path);
 // cameras.json: one object or a list of them: width, height, fx, fy, position [3], rotation [3][3]
 // (camera to world, rows), and optionally img_name, cx, cy (default: the image centre). A camera
 // path: an object with render_width, render_height, camera_type and camera_path, frames of
-// camera_to_world [16] and fov; its frames are called frame_00000, ... . False after printing the
-// error; else release the list with camera_list_free.
-bool camera_file_read(const char *path, camera_list *list);
+// camera_to_world [16] and fov. The frames of a path are called frame_00000, ..., cameras without a
+// name camera_0, ..., numbered from `first`. False after printing the error; else release the list
+// with camera_list_free.
+bool camera_file_read(const char *path, int first, camera_list *list);
 void camera_list_free(camera_list *list);
 // One frame of a camera path for images of width x height pixels: camera_to_world and fov. type:
 // perspective, fisheye or equirectangular. Returns NULL, or a description of the error.

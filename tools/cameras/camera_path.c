@@ -272,9 +272,10 @@ static view_group group_views(const sgs_scene *scene)
     return group;
 }
 
-static bool allocate(const sgs_scene *scene, int count, camera_list *list)
+static bool allocate(const sgs_scene *scene, const path_options *options, camera_list *list)
 {
-    *list = (camera_list){0};
+    const int count = options->count;
+    *list = (camera_list){.first = options->first, .is_numbered = true};
     if (!scene->view_count) {
         fail_run("%s: no views to create a camera path from", scene->path);
         return false;
@@ -391,7 +392,7 @@ static vec orbit_eye(const orbit *path, double angle)
 
 bool camera_path_orbit(const sgs_scene *scene, const path_options *options, camera_list *list)
 {
-    if (!allocate(scene, options->count, list))
+    if (!allocate(scene, options, list))
         return false;
     const view_group group = group_views(scene);
     orbit path;
@@ -417,7 +418,7 @@ bool camera_path_orbit(const sgs_scene *scene, const path_options *options, came
     const sgs_camera lens = path_lens(scene, options);
     for (int i = 0; i < count; ++i) {
         const double step = path.arc / (closed ? count : fmax(count - 1, 1));
-        list->cameras[i].name = format_text("orbit_%05d", i);
+        list->cameras[i].name = format_text("orbit_%05d", options->first + i);
         list->cameras[i].camera = lens;
         look(&list->cameras[i], orbit_eye(&path, path.first + step * i), path.subject, path.up);
     }
@@ -444,7 +445,7 @@ static const sgs_view *middle_view(const sgs_scene *scene, const view_group *gro
 bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list)
 {
     const int count = options->count;
-    if (!allocate(scene, count, list))
+    if (!allocate(scene, options, list))
         return false;
     const view_group group = group_views(scene);
     const sgs_view *base = middle_view(scene, &group);
@@ -462,7 +463,7 @@ bool camera_path_spiral(const sgs_scene *scene, const path_options *options, cam
         const double turn = 4 * PI * i / count;
         const vec eye = along(along(along(hub, right, radius * cos(turn)), up, radius * sin(turn)),
                               forward, radius * sin(0.5 * turn));
-        list->cameras[i].name = format_text("spiral_%05d", i);
+        list->cameras[i].name = format_text("spiral_%05d", options->first + i);
         list->cameras[i].camera = lens;
         look(&list->cameras[i], eye, target, up);
     }

@@ -9,18 +9,19 @@
 
 typedef struct path_options {
     int count;      // cameras, >= 1
+    int first;      // number of the first one, in its name
     double arc;     // of an orbit, degrees up to 360; 0 = the arc that was photographed
     bool keep_lens; // the lens of the first view with its distortion, instead of a pinhole of the
                     // same focal length
 } path_options;
 
 // An orbit around the point that the views look at, with the distance and height of the views near
-// each angle, perpendicular to the up direction of the capture; names orbit_00000, ... . Fails,
-// with a message, if the views look at no common point.
+// each angle, perpendicular to the up direction of the capture; names orbit_NNNNN, numbered
+// from `first`. Fails, with a message, if the views look at no common point.
 bool camera_path_orbit(const sgs_scene *scene, const path_options *options, camera_list *list);
 
 // Two turns of a spiral around the central view. Its width is half the spread of the views, at most
-// 0.15 of the distance of the subject, which it looks at; names spiral_00000, ... .
+// 0.15 of the distance of the subject, which it looks at; names spiral_NNNNN.
 bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list);
 
 // Unit up direction of a capture: the one most perpendicular to the horizontal axes of the images,

@@ -184,7 +184,7 @@ static bool file_cameras(const camera_choice *choice, camera_list *list)
     if ((!stat(choice->file, &status) && S_ISDIR(status.st_mode)) ||
         camera_file_is_scene(choice->file))
         return data_set_cameras(choice, list);
-    return camera_file_read(choice->file, list) && name_files(list) &&
+    return camera_file_read(choice->file, choice->first_frame, list) && name_files(list) &&
            keep_view(choice->file, choice->view, list);
 }
 
@@ -192,15 +192,14 @@ static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, 
 {
     if (choice->file)
         return file_cameras(choice, list);
-    if (choice->orbit)
-        return camera_path_orbit(
-                   scene, &(path_options){choice->orbit, choice->arc, choice->keep_lens}, list) &&
-               name_files(list);
-    if (choice->spiral)
-        return camera_path_spiral(scene, &(path_options){choice->spiral, 0, choice->keep_lens},
-                                  list) &&
-               name_files(list);
-    return scene_cameras(choice, scene, list);
+    if (!choice->orbit && !choice->spiral)
+        return scene_cameras(choice, scene, list);
+    const path_options options = {.count = choice->orbit ? choice->orbit : choice->spiral,
+                                  .first = choice->first_frame,
+                                  .arc = choice->arc,
+                                  .keep_lens = choice->keep_lens};
+    return (choice->orbit ? camera_path_orbit : camera_path_spiral)(scene, &options, list) &&
+           name_files(list);
 }
 
 static void reshape(const camera_choice *choice, sgs_camera *camera)
@@ -232,6 +231,7 @@ bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_
         camera_list_free(list);
         return false;
     }
+    list->first = choice->first_frame;
     for (size_t i = 0; i < list->count; ++i)
         reshape(choice, &list->cameras[i].camera);
     return true;

@@ -18,11 +18,12 @@ typedef struct camera_choice {
     const char *view, *file; // or NULL
     sgs_split split;
     bool split_given;
-    int orbit, spiral; // frames, 0 = none
-    double arc;        // of an orbit, degrees; 0 = as photographed
-    bool keep_lens;    // paths keep the distortion of the first view
-    frame_range frames;
-    int width, height; // 0 = the camera's own
+    int orbit, spiral;  // frames, 0 = none
+    double arc;         // of an orbit, degrees; 0 = as photographed
+    bool keep_lens;     // paths keep the distortion of the first view
+    frame_range frames; // counted from 0
+    int first_frame;    // number of the first camera as a frame
+    int width, height;  // 0 = the camera's own
     int projection;
 } camera_choice;
 

@@ -266,7 +266,7 @@ static bool cameras_of_run(pruning *p)
     bool added = file_exists(path);
     if (!added)
         fail_run("%s: no cameras: give SCENE, or a run folder with cameras.json", p->model_name);
-    added = added && camera_file_read(path, &list);
+    added = added && camera_file_read(path, 0, &list);
     for (size_t c = 0; c < list.count && added; ++c) {
         double center[3];
         sgs_pose_center(&list.cameras[c].pose, center);

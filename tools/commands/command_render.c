@@ -43,7 +43,7 @@ typedef struct render_values {
     double deep_tolerance;
     int deep_max;
     const char *frames, *size, *film, *depth_range;
-    int orbit, spiral, projection, samples, path_lens, overscan;
+    int orbit, spiral, first_frame, projection, samples, path_lens, overscan;
     double arc;
     double aperture, focus, fps;
 } render_values;
@@ -131,6 +131,16 @@ static const option render_options[] = {
      .initial = "pinhole",
      .needs = "orbit|spiral",
      .help = "lens of the path: pinhole without distortion, or the lens of the first view"},
+    {.name = "first-frame",
+     .kind = OPTION_INTEGER,
+     .offset = AT(first_frame),
+     .low = 0,
+     .high = 1000000,
+     .argument = "N",
+     .initial = "0",
+     .needs = "orbit|spiral|camera|save-cameras=chan|save-cameras=usda",
+     .help = "number of the first frame in the file names of paths and of cameras without a name, "
+             "in cameras.chan and in cameras.usda; --frames counts from 0 regardless"},
     {.name = "save-cameras",
      .kind = OPTION_SET,
      .offset = AT(save_cameras),
@@ -567,6 +577,20 @@ static bool can_overscan(const camera_list *cameras)
     return true;
 }
 
+// False after printing the error: the frames have names without numbers, and no file with numbers
+// is written.
+static bool can_number(const command_line *line, const render_values *values,
+                       const camera_list *cameras)
+{
+    if (!option_given(line, "first-frame") || cameras->is_numbered ||
+        camera_formats(values) & (CAMERAS_CHAN | CAMERAS_USDA))
+        return true;
+    fail_run("%s: --first-frame has no effect on cameras with names; omit it, or add "
+             "--save-cameras chan or usda",
+             values->camera);
+    return false;
+}
+
 static int run_render(const command_line *line, const render_values *values,
                       const camera_choice *choice, scene_values *data, drawing_values *drawing)
 {
@@ -581,7 +605,8 @@ static int run_render(const command_line *line, const render_values *values,
         status = scene ? -1 : EXIT_FAILED;
     }
     if (status < 0 &&
-        !(cameras_choose(choice, scene, &cameras) && (!values->overscan || can_overscan(&cameras))))
+        !(cameras_choose(choice, scene, &cameras) && can_number(line, values, &cameras) &&
+          (!values->overscan || can_overscan(&cameras))))
         status = EXIT_FAILED;
     if (status < 0 && !spares_inputs(values, scene, &cameras))
         status = EXIT_FAILED;
@@ -620,6 +645,7 @@ static int check_values(const command_line *line, const render_values *values,
                               .orbit = values->orbit,
                               .spiral = values->spiral,
                               .arc = values->arc,
+                              .first_frame = values->first_frame,
                               .keep_lens = values->path_lens != 0,
                               .projection = values->projection};
     const int paths =

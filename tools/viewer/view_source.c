@@ -31,7 +31,7 @@ static bool list_views(const sgs_scene *scene, camera_list *list)
 static bool read_views(const char *folder, camera_list *list)
 {
     char *path = format_text("%s/cameras.json", folder);
-    const bool done = !file_exists(path) || camera_file_read(path, list);
+    const bool done = !file_exists(path) || camera_file_read(path, 0, list);
     free(path);
     return done;
 }

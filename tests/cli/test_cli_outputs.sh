@@ -165,6 +165,20 @@ for depth in ray z; do
     check first_sample_is_first_hit bash -c "join '$temporary/first_samples' '$temporary/first_hits' -j 1 --nocheck-order |
         awk '{ d = \$2 - \$3; if (d < 0) d = -d; if (d > 1e-5 * \$3) bad = 1; ++n } END { exit !(n > 1000 && !bad) }'"
 done
+# deep_files_without_a_chosen_depth_have_a_note (perspective lenses only; the default stays the distance along the ray)
+deep=("$model" "$room" --view 0009 --size 48x27 --aov rgba --deep)
+note="compositing programs usually merge deep images by the depth along the camera axis, which --depth z writes"
+run 0 render "${deep[@]}" -o "$temporary/deep_unchosen"
+check there_is_one_note test "$(grep -cF -- "$note" "$temporary/stderr")" = 1
+for silent in "--depth ray" "--depth z" --quiet "--projection equirectangular"; do
+    # shellcheck disable=SC2086
+    run 0 render "${deep[@]}" $silent -o "$temporary/deep_${silent##* }"
+    check "no_note: $silent" test "$(grep -cF -- "$note" "$temporary/stderr")" = 0
+done
+check the_default_is_ray cmp "$temporary/deep_unchosen/0009.deep.exr" "$temporary/deep_ray/0009.deep.exr"
+check z_differs bash -c "! cmp -s '$temporary/deep_unchosen/0009.deep.exr' '$temporary/deep_z/0009.deep.exr'"
+run 0 render "$model" "$room" --view 0009 --size 48x27 --aov rgba,depth -o "$temporary/deep_none"
+check "no_note: flat files" test "$(grep -cF -- "$note" "$temporary/stderr")" = 0
 if command -v exrcheck >/dev/null; then
     check exrcheck_accepts_it exrcheck "$temporary/deep/0009.deep.exr" "$temporary/deep/0009.exr" "$temporary/all/0009.exr"
 fi

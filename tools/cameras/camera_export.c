@@ -198,11 +198,15 @@ static void warn_off_centre(const camera_list *list)
                       count);
 }
 
+bool camera_is_perspective(const sgs_camera *camera)
+{
+    return !sgs_camera_is_fisheye(camera->model) && camera->model != SGS_CAMERA_EQUIRECTANGULAR;
+}
+
 static bool are_perspective(const char *folder, const camera_list *list)
 {
     for (size_t i = 0; i < list->count; ++i)
-        if (sgs_camera_is_fisheye(list->cameras[i].camera.model) ||
-            list->cameras[i].camera.model == SGS_CAMERA_EQUIRECTANGULAR) {
+        if (!camera_is_perspective(&list->cameras[i].camera)) {
             fail_run("%s: camera %s is not perspective; .chan and USD hold perspective cameras "
                      "only, use --save-cameras json",
                      folder, list->cameras[i].name);

@@ -16,6 +16,9 @@ enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
 // wanted. Warns about distortion.
 bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps);
 
+// False for fisheye lenses and panoramas.
+bool camera_is_perspective(const sgs_camera *camera);
+
 // The pinhole with the scale of the lens at the principal point: focal lengths and principal point
 // in pixels. They are those of the lens, except for COLMAP's FOV, whose scale there is not 1.
 void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy);

@@ -218,7 +218,8 @@ static const option render_options[] = {
      .argument = "ray|z",
      .initial = "ray",
      .needs = "output&aov=depth|aov=depth_first|aov=depth_median|deep",
-     .help = "depth is the distance along the ray or along the camera axis"},
+     .help = "depth is the distance along the ray or along the camera axis; deep images are "
+             "usually merged with z"},
     {.name = "depth-range",
      .kind = OPTION_TEXT,
      .offset = AT(depth_range),
@@ -591,6 +592,18 @@ static bool can_number(const command_line *line, const render_values *values,
     return false;
 }
 
+// Other renderers write the depth of deep images along the camera axis, except where there is none.
+static void note_deep_depth(const command_line *line, const render_values *values,
+                            const camera_list *cameras)
+{
+    bool any = false;
+    for (size_t i = 0; i < cameras->count && !any; ++i)
+        any = camera_is_perspective(&cameras->cameras[i].camera);
+    if (values->deep && any && !option_given(line, "depth"))
+        print_note("--deep: Z is the distance along the ray; compositing programs usually merge "
+                   "deep images by the depth along the camera axis, which --depth z writes");
+}
+
 static int run_render(const command_line *line, const render_values *values,
                       const camera_choice *choice, scene_values *data, drawing_values *drawing)
 {
@@ -617,6 +630,7 @@ static int run_render(const command_line *line, const render_values *values,
         drawing_resolve(drawing, line, located.config, data, scene);
         if (values->reference)
             drawing->compact_box = 1; // the reference has no tiles
+        note_deep_depth(line, values, &cameras);
         const bool done = render_model(line, &located, &cameras, &choice->frames, drawing, values);
         status = done ? interrupt_status() : EXIT_FAILED;
     }

@@ -231,14 +231,12 @@ static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matr
         sgs_camera_equirectangular(files->camera->width, files->camera->height);
     // Readers map the data window to the whole sphere.
     const bool is_latlong = sgs_camera_equal(files->camera, &whole);
-    const bool is_perspective = !sgs_camera_is_fisheye(files->camera->model) &&
-                                files->camera->model != SGS_CAMERA_EQUIRECTANGULAR;
     return (sgs_exr_info){.width = files->camera->width,
                           .height = files->camera->height,
                           .world_to_camera = matrices->to_camera,
                           .world_to_ndc =
                               sgs_camera_is_fisheye(files->camera->model) ? NULL : matrices->to_ndc,
-                          .intrinsics = is_perspective ? k : NULL,
+                          .intrinsics = camera_is_perspective(files->camera) ? k : NULL,
                           .is_latlong = is_latlong,
                           .depth_definition = !any_depth          ? NULL
                                               : files->axis_depth ? axis_depth

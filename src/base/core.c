@@ -286,6 +286,44 @@ sgs_status sgsi_make_folder(const char *path)
     return SGS_STATUS_OK;
 }
 
+// The number makes the names of a process unique, also of threads that write the same path.
+static char *temporary_name(const char *path)
+{
+    static atomic_uint names;
+    const unsigned number = atomic_fetch_add_explicit(&names, 1, memory_order_relaxed);
+    return sgsi_format("%s.tmp.%ld%06u", path, (long)getpid(), number % 1000000);
+}
+
+// Existing names are skipped: a container or another machine that shares the folder may have a
+// process of the same id.
+sgs_status sgsi_temporary_create(const char *path, const char *shown, char **name, int *descriptor)
+{
+    enum { TRIALS = 100 };
+    for (int k = 0; k < TRIALS; ++k) {
+        *name = temporary_name(path);
+        if (!*name)
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", shown);
+        const int result = descriptor ? open(*name, O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666)
+                                      : mkdir(*name, 0777);
+        if (result >= 0 && descriptor)
+            *descriptor = result;
+        if (result >= 0)
+            return SGS_STATUS_OK;
+        const int code = errno;
+        if (code != EEXIST)
+            sgsi_record_error("%s: cannot be written: %s", shown, strerror(code));
+        else
+            sgsi_record_error("%s: already exists, as do %d other temporary files of %s; remove "
+                              "those of processes that have ended",
+                              *name, k, shown);
+        sgsi_free(*name);
+        *name = NULL;
+        if (code != EEXIST)
+            break;
+    }
+    return SGS_STATUS_IO;
+}
+
 void sgsi_folder_sync(const char *path)
 {
     const int descriptor = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);

@@ -87,6 +87,12 @@ bool sgsi_is_folder(const char *path);
 // OUT_OF_MEMORY.
 sgs_status sgsi_make_folder(const char *path);
 
+// Creates a new file, open for writing as *descriptor, or, if that is NULL, a new folder, named
+// "PATH.tmp.NUMBER": the process id and six digits that count the names of the process. Release
+// *name with sgsi_free. Fails with OUT_OF_MEMORY or IO, whose error names `shown`, or the last name
+// if a hundred of them exist; *name is then NULL.
+sgs_status sgsi_temporary_create(const char *path, const char *shown, char **name, int *descriptor);
+
 // Makes renames in the folder durable. Best effort: some file systems do not sync folders.
 void sgsi_folder_sync(const char *path);
 

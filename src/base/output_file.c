@@ -4,41 +4,12 @@
 #include "sparegs/output_file.h"
 
 #include <errno.h>
-#include <fcntl.h>
-#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/core.h"
-
-// The number makes the names of a process unique, also of threads that write the same file.
-static char *temporary_name(const char *path)
-{
-    static atomic_uint writes;
-    const unsigned number = atomic_fetch_add_explicit(&writes, 1, memory_order_relaxed);
-    return sgsi_format("%s.tmp.%ld%06u", path, (long)getpid(), number % 1000000);
-}
-
-// Creates a new file: another machine that shares the folder may have a process of the same number.
-// Sets errno if the file cannot be created. False if out of memory.
-static bool create_temporary(sgs_output_file *file)
-{
-    enum { TRIALS = 100 };
-    int descriptor = -1;
-    for (int k = 0; k < TRIALS && descriptor < 0 && (!k || errno == EEXIST); ++k) {
-        sgsi_free(file->temporary);
-        file->temporary = temporary_name(file->target);
-        if (!file->temporary)
-            return false;
-        descriptor = open(file->temporary, O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
-    }
-    file->stream = descriptor >= 0 ? fdopen(descriptor, "wb") : NULL;
-    if (descriptor >= 0 && !file->stream)
-        close(descriptor);
-    return true;
-}
 
 // The file that an output to `path` replaces: where `path` is a symbolic link, the file it points
 // to.
@@ -64,20 +35,23 @@ sgs_status sgs_output_file_open(sgs_output_file *file, const char *path)
     if (!stat(path, &info) && !S_ISREG(info.st_mode) && !S_ISDIR(info.st_mode))
         return sgsi_fail(SGS_STATUS_IO, "%s: is a device or a pipe; choose the name of a file",
                          path);
-    const sgs_status status = find_target(path, &file->target);
+    sgs_status status = find_target(path, &file->target);
     if (status)
         return status;
+    int descriptor = -1;
     file->path = sgsi_strdup(path);
-    if (!file->path || !file->target || !create_temporary(file)) {
-        sgs_output_file_abort(file);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    if (!file->path || !file->target)
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    else
+        status = sgsi_temporary_create(file->target, path, &file->temporary, &descriptor);
+    file->stream = status ? NULL : fdopen(descriptor, "wb");
+    if (!status && !file->stream) {
+        status = sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", path, strerror(errno));
+        close(descriptor);
     }
-    if (!file->stream) {
-        const int code = errno;
+    if (status)
         sgs_output_file_abort(file);
-        return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", path, strerror(code));
-    }
-    return SGS_STATUS_OK;
+    return status;
 }
 
 static void sync_folder_of(const char *path)

@@ -55,12 +55,17 @@ static void remove_parent(const char *base, const char *part, const char *name)
 sgs_status sgsi_model_folder_open(sgsi_model_folder *folder, const char *path, const char *manifest)
 {
     *folder = (sgsi_model_folder){.path = sgsi_strdup(path), .manifest = sgsi_strdup(manifest)};
-    folder->stage = sgsi_format("%s/%s.tmp.%ld", path, manifest, (long)getpid());
-    if (!folder->path || !folder->manifest || !folder->stage)
+    char *target = sgsi_format("%s/%s", path, manifest);
+    if (!folder->path || !folder->manifest || !target) {
+        sgsi_free(target);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+    }
     folder->was_made = !sgsi_is_folder(path);
-    const sgs_status status = sgsi_make_folder(path);
-    return status ? status : sgsi_make_folder(folder->stage);
+    sgs_status status = sgsi_make_folder(path);
+    if (!status)
+        status = sgsi_temporary_create(target, target, &folder->stage, NULL);
+    sgsi_free(target);
+    return status;
 }
 
 static sgs_status add_file(sgsi_model_folder *folder, const char *name, bool is_new)

@@ -3,7 +3,7 @@
 #pragma once
 
 // A model that is a folder of files with a manifest, which replaces an earlier one as a whole. New
-// files are written to FOLDER/MANIFEST.tmp.PID; commit moves them into place by renames. Any
+// files are written to FOLDER/MANIFEST.tmp.NUMBER; commit moves them into place by renames. Any
 // failure leaves the earlier model as it was. A process that is killed between two of the renames
 // leaves a folder without a manifest, never a manifest with files of another model. Other files in
 // the folder are not touched.

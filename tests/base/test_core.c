@@ -88,6 +88,38 @@ static void a_device_or_a_pipe_is_not_replaced(void **state)
     temp_folder_remove(&folder);
 }
 
+// Of another process with the same id, as in a container that shares the folder.
+static void temporary_files_of_others_are_kept(void **state)
+{
+    (void)state;
+    enum { TRIALS = 100 };
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "file");
+    sgs_output_file file;
+    assert_int_equal(sgs_output_file_open(&file, path), SGS_STATUS_OK);
+    const size_t stem = strlen(file.temporary) - 6; // six digits that count
+    char name[512];
+    snprintf(name, sizeof name, "%s", file.temporary);
+    const unsigned first = (unsigned)strtoul(name + stem, NULL, 10);
+    assert_true(first < 900000);
+    sgs_output_file_abort(&file);
+    for (unsigned k = 1; k <= TRIALS; ++k) {
+        snprintf(name + stem, sizeof name - stem, "%06u", first + k);
+        file_put(name, "other", 6);
+    }
+    assert_int_equal(sgs_output_file_open(&file, path), SGS_STATUS_IO);
+    assert_null(file.temporary);
+    assert_non_null(strstr(sgs_last_error(), name)); // the last one
+    assert_non_null(strstr(sgs_last_error(), ": already exists"));
+    assert_int_equal(temp_folder_count(&folder), TRIALS);
+    assert_content(name, "other");
+    // The next name is free.
+    assert_int_equal(sgs_output_file_write(path, (const uint8_t *)"own", 4), SGS_STATUS_OK);
+    assert_content(path, "own");
+    assert_int_equal(temp_folder_count(&folder), TRIALS + 1);
+    temp_folder_remove(&folder);
+}
+
 enum { WRITERS = 4, ROUNDS = 12, LONGEST = 3000 };
 
 typedef struct writer {
@@ -166,6 +198,7 @@ int main(void)
         cmocka_unit_test(two_open_writes_of_a_file_are_separate),
         cmocka_unit_test(a_symbolic_link_is_followed),
         cmocka_unit_test(a_device_or_a_pipe_is_not_replaced),
+        cmocka_unit_test(temporary_files_of_others_are_kept),
         cmocka_unit_test(threads_that_write_one_file_leave_a_whole_one),
         cmocka_unit_test(folders_are_made_with_their_parents),
         cmocka_unit_test(a_folder_without_a_name_is_refused),

@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "formats/model_folder.h"
 #include "support/files_support.h"
 #include "support/locale_support.h"
 #include "support/model_support.h"
@@ -120,6 +121,45 @@ static void a_sog_folder_is_replaced_as_a_whole(void **state)
     assert_int_equal(temp_folder_count(&folder), files - 1);
     sgs_gaussians_destroy(first);
     sgs_gaussians_destroy(second);
+    tree_remove(&folder);
+}
+
+// Writers of one folder: threads, or processes with the same id in two containers.
+static void writers_of_a_folder_have_their_own_stages(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *const names[] = {"meta.json", "a/texture"};
+    sgsi_model_folder writers[2];
+    uint8_t *bytes;
+    size_t size;
+    assert_int_equal(sgsi_model_folder_open(&writers[0], folder.path, names[0]), SGS_STATUS_OK);
+    // The next name is that of another process.
+    char other[512];
+    snprintf(other, sizeof other, "%s", writers[0].stage);
+    const size_t stem = strlen(other) - 6;
+    snprintf(other + stem, sizeof other - stem, "%06lu", strtoul(other + stem, NULL, 10) + 1);
+    assert_int_equal(mkdir(other, 0777), 0);
+    assert_int_equal(sgsi_model_folder_open(&writers[1], folder.path, names[0]), SGS_STATUS_OK);
+    assert_string_not_equal(writers[0].stage, writers[1].stage);
+    assert_string_not_equal(other, writers[1].stage);
+    for (int k = 0; k < 2; ++k)
+        for (int w = 0; w < 2; ++w)
+            assert_int_equal(sgsi_model_folder_put(&writers[w], names[k],
+                                                   (const uint8_t *)(w ? "second" : "first"),
+                                                   w ? 6 : 5),
+                             SGS_STATUS_OK);
+    for (int w = 0; w < 2; ++w) {
+        assert_int_equal(sgsi_model_folder_commit(&writers[w]), SGS_STATUS_OK);
+        sgsi_model_folder_close(&writers[w]);
+        for (int k = 0; k < 2; ++k) {
+            bytes = file_get(temp_path(&folder, names[k]), &size);
+            assert_string_equal((const char *)bytes, w ? "second" : "first");
+            free(bytes);
+        }
+    }
+    assert_int_equal(rmdir(other), 0); // was not touched
+    assert_int_equal(temp_folder_count(&folder), 2);
     tree_remove(&folder);
 }
 
@@ -613,6 +653,7 @@ int main(void)
         cmocka_unit_test(usda_is_written_in_any_language),
         cmocka_unit_test(lod_levels_are_nested),
         cmocka_unit_test(a_sog_folder_is_replaced_as_a_whole),
+        cmocka_unit_test(writers_of_a_folder_have_their_own_stages),
         cmocka_unit_test(levels_of_detail_are_replaced_as_a_whole),
         cmocka_unit_test(names_and_contents_select_formats),
         cmocka_unit_test(only_ply_holds_values_that_are_not_finite),

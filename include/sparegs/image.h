@@ -149,9 +149,10 @@ typedef struct sgs_exr_info {
     int overscan;
 } sgs_exr_info;
 
-// A frame rate as the rational number numerator / denominator, both > 0. Rates such as 23.976 and
-// 29.97 stand for 1000/1001 of the next integer (SMPTE ST 12-1), as for OpenEXR's guessExactFps;
-// others are kept to a thousandth. False if the rate is outside [0.001, 1e6].
+// A frame rate as the rational number numerator / denominator, both > 0. Rates from 23.976 on that
+// are within 0.002 of 1000/1001 of the next integer, such as 29.97, stand for that (SMPTE ST 12-1),
+// as for OpenEXR's guessExactFps; others are rounded to a thousandth. False, and the outputs are
+// unchanged, if the rate is outside [0.001, 1e6].
 SGS_API bool sgs_frame_rate(double rate, int *numerator, int *denominator);
 
 // Writes a scan-line EXR with Rec. 709 chromaticities and the attributes above. Matrices are stored

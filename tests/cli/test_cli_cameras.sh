@@ -503,14 +503,17 @@ run 0 render "$model" "$room" --orbit 3 --size 33x20 --video "$temporary/film;x.
 prints "$temporary/film;x.mp4"
 check three_frames_of_bytes test "$(tr -d ' ' <"$temporary/film;x.mp4")" = $((3 * 33 * 20 * 3))
 check threads_of_the_encoder_are_fixed test "$(grep -xA1 -- -threads "$temporary/arguments" | tail -n 1)" = 16
-check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24 '$temporary/arguments'"
+check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24/1 '$temporary/arguments'"
 check colours_of_bt709 bash -c "grep -q ',scale=out_color_matrix=bt709:out_range=tv$' '$temporary/arguments' &&
     grep -xA1 -- -colorspace '$temporary/arguments' | grep -qx bt709"
 check no_leftover test "$(find "$temporary" -maxdepth 1 -name '.*' -type f | wc -l)" = 0
 run 0 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/ntsc.mp4" --fps 23.976
 check rate_of_the_exr_files grep -qx 24000/1001 "$temporary/arguments"
+run 0 render "$model" "$room" --orbit 2 --size 33x20 --aov rgba --video "$temporary/near.mp4" --fps 24.0004 -o "$temporary/near"
+check rate_of_the_video_is_rounded grep -qx 24/1 "$temporary/arguments"
+check rate_of_the_exr_files bash -c "exrheader '$temporary/near/orbit_00000.exr' | grep -q '^framesPerSecond (type rational): 24/1'"
 run 0 render "$model" --camera "$temporary/path.json" --video "$temporary/path.mp4" -o "$temporary/both" --format png --aov rgba
-check rate_of_the_path grep -qx 12 "$temporary/arguments"
+check rate_of_the_path grep -qx 12/1 "$temporary/arguments"
 check rate_of_the_path_in_exr bash -c "exrheader '$temporary/path/frame_00000.exr' | grep -q '^framesPerSecond (type rational): 12/1'"
 check frames_too test "$(pictures "$temporary/both" png)" = 'frame_00000.png '
 FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/bad.mp4"

@@ -83,7 +83,7 @@ static void run_ffmpeg(const video *film, double fps, int input)
     int numerator, denominator;
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     // As recorded in EXR files; fps is at least 0.01, and a camera path may have more than 1e6.
-    if (sgs_frame_rate(fps, &numerator, &denominator) && denominator > 1)
+    if (sgs_frame_rate(fps, &numerator, &denominator))
         snprintf(rate, sizeof rate, "%d/%d", numerator, denominator);
     else
         snprintf(rate, sizeof rate, "%.6g", fps);

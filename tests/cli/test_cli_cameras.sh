@@ -210,7 +210,7 @@ reports "--fps has no effect on --view, a still image"
 
 # existing_frames_are_skipped (a frame whose files do not all exist is rendered; the ranges of the PNGs are those of all)
 frames=("$model" "$room" --orbit 4 --size 32x20 --json)
-deep=(--aov rgba,depth --deep --save-cameras json,chan,usda) png=(--aov rgba,depth --format png)
+deep=(--aov "rgba,depth" --deep --save-cameras "json,chan,usda") png=(--aov "rgba,depth" --format png)
 for kind in deep png; do
     declare -n these=$kind
     run 0 render "${frames[@]}" "${these[@]}" -o "$temporary/all_$kind"
@@ -238,6 +238,23 @@ json "$temporary/stdout" '.skipped == 0'
 check the_same_files diff -r "$temporary/all_png" "$temporary/new_png"
 run 2 render "${frames[@]}" --skip-existing --video "$temporary/film.mp4" -o "$temporary/part_png"
 reports "--skip-existing and --video are mutually exclusive"
+# a_stopped_render_continues (the next command skips all frames that it wrote, and renders three more)
+frames=("$model" "$room" --orbit 5000 --size 168x96 --format png --aov rgba --skip-existing -o "$temporary/preempted" --json)
+last_command="SIGTERM to render ${frames[*]}"
+"$program" render "${frames[@]}" >"$temporary/stdout" 2>"$temporary/stderr" &
+job=$!
+for ((i = 0; i < 600; ++i)); do
+    if [ -e "$temporary/preempted/orbit_00003.png" ]; then break; fi
+    sleep 0.1
+done
+kill -TERM $job
+status=0
+wait $job || status=$?
+check status_of_the_signal test "$status" = 143
+written=$(find "$temporary/preempted" -name '*.png' | wc -l)
+check some_frames_are_written test "$written" -gt 3 -a "$written" -lt 5000
+run 0 render "${frames[@]}" --frames "0-$((written + 2))"
+json "$temporary/stdout" ".skipped == $written and ([.files[] | select(endswith(\".png\"))] | length) == 3"
 
 # size_keeps_the_vertical_field_of_view: the centre of a wide image equals the narrow one
 run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary/wide"

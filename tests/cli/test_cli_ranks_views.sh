@@ -86,7 +86,7 @@ for views in 5 1; do
 done
 
 # Views whose files exist are skipped; the ranks share the others.
-images=("$model" "$room" --orbit 5 --size 60x34 --format png --aov rgba,depth --quiet)
+images=("$model" "$room" --orbit 5 --size 60x34 --format png --aov "rgba,depth" --quiet)
 rm "$temporary/images5/orbit_00001.png" "$temporary/images5"/orbit_00003.*png
 ranks 0 3 render "${images[@]}" --skip-existing --json -o "$temporary/images5"
 json "$temporary/stdout" '.skipped == 3 and ([.files[] | sub(".*/"; "")] == ["cameras.json"] + [(1, 3) | "orbit_0000\(.)" |

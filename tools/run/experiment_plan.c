@@ -27,7 +27,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "run/plan_path.h"
+#include "run/plan_values.h"
 #include "sparegs/scene.h"
 
 enum { RUNS_MOST = 10000 };
@@ -64,28 +64,6 @@ static void add_argument(experiment_run *run, char *text)
     run->arguments[run->argument_count] = NULL;
 }
 
-static char *value_text(const json_t *value)
-{
-    if (json_is_string(value))
-        return format_text("%s", json_string_value(value));
-    if (json_is_integer(value))
-        return format_text("%lld", (long long)json_integer_value(value));
-    if (json_is_real(value))
-        return format_text("%.9g", json_real_value(value));
-    if (json_is_array(value)) {
-        char *joined = format_text("%s", "");
-        for (size_t k = 0; k < json_array_size(value); ++k) {
-            char *item = value_text(json_array_get(value, k)),
-                 *longer = format_text("%s%s%s", joined, k ? "," : "", item ? item : "");
-            free(item);
-            free(joined);
-            joined = longer;
-        }
-        return joined;
-    }
-    return NULL;
-}
-
 // Appends the merged options of a run as arguments.
 static bool add_options(experiment_run *run, json_t *options)
 {
@@ -111,7 +89,7 @@ static bool add_options(experiment_run *run, json_t *options)
             add_argument(run, name);
             continue;
         }
-        char *text = json_is_false(value) || json_is_null(value) ? NULL : value_text(value);
+        char *text = json_is_false(value) || json_is_null(value) ? NULL : plan_value_text(value);
         if (text && row && !plan_path_option(plan_path, key, row->path, &text)) {
             free(text);
             free(name);

@@ -16,7 +16,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "run/plan_path.h"
+#include "run/plan_values.h"
 #include "run/sub_command.h"
 #include "sparegs/compress.h"
 
@@ -46,15 +46,6 @@ static const post_kind *kind_of(const json_t *step)
 }
 
 // ---- Values as arguments ----
-
-static char *value_text(const json_t *value)
-{
-    if (json_is_string(value))
-        return format_text("%s", json_string_value(value));
-    if (json_is_integer(value))
-        return format_text("%lld", (long long)json_integer_value(value));
-    return format_text("%.9g", json_real_value(value));
-}
 
 // The name of an option with dashes. Release with free().
 static char *option_name(const char *key)
@@ -117,7 +108,7 @@ static bool refuse(const char *plan_path, const char *kind, const char *key, con
 // Ratios are text for the command, which accepts lists.
 static const char *ratio_fault(const json_t *value)
 {
-    char *text = json_is_string(value) || json_is_number(value) ? value_text(value) : NULL;
+    char *text = json_is_string(value) || json_is_number(value) ? plan_value_text(value) : NULL;
     char *end = text;
     const double ratio = text ? strtod(text, &end) : NAN;
     const bool good = text && *text && !*end && ratio >= 0 && ratio < 1;
@@ -136,8 +127,8 @@ static bool repeats_point(const json_t *list)
     bool repeated = false;
     for (size_t k = 1; k < json_array_size(list); ++k)
         for (size_t j = 0; j < k; ++j) {
-            char *one = value_text(json_array_get(list, j)),
-                 *other = value_text(json_array_get(list, k));
+            char *one = plan_value_text(json_array_get(list, j)),
+                 *other = plan_value_text(json_array_get(list, k));
             repeated = repeated || !strcmp(one, other);
             free(one);
             free(other);
@@ -299,7 +290,7 @@ static void add_point(post_plan *post, const post_kind *kind, const char *step,
         .step = format_text("%s", step),
         .kind = format_text("%s", kind->name),
         .method = format_text("%s", json_string_value(json_object_get(options, "method"))),
-        .point = value_text(value),
+        .point = plan_value_text(value),
         .settings = json_as_stored(settings),
         .variants = variants};
     json_decref(settings);
@@ -539,7 +530,7 @@ static json_t *make_file(const post_point *point, const post_run *run, const cha
     json_object_foreach(json_object_get(point->settings, "options"), key, value)
     {
         char *name = option_name(key), *flag = format_text("--%s", name);
-        char *text = json_is_boolean(value) ? NULL : value_text(value);
+        char *text = json_is_boolean(value) ? NULL : plan_value_text(value);
         if (text)
             add_option(&list, flag, text);
         else if (json_is_true(value))

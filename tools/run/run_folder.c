@@ -115,15 +115,16 @@ bool run_folder_admits(const run_folder *folder, bool overwrite, const char *adv
     const bool used = run_folder_is_used(folder);
     const bool foreign = !used && !folder->was_locked &&
                          !sgs_run_model_path(folder->path, model, sizeof model, &iteration);
-    if (foreign)
+    if (foreign) {
         fail_run("%s: contains models, but no config.json: the output of another program; "
                  "move it away, or choose another folder",
                  folder->path);
-    else if (used && !overwrite)
-        fail_run("%s: already contains a run; %s", folder->path, advice);
-    if (foreign)
         run_folder_leave(folder);
-    return !foreign && (!used || overwrite);
+        return false;
+    }
+    if (used && !overwrite)
+        fail_run("%s: already contains a run; %s", folder->path, advice);
+    return !used || overwrite;
 }
 
 // ---- An earlier run ----

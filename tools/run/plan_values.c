@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "run/plan_path.h"
+#include "run/plan_values.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -33,4 +33,26 @@ bool plan_path_option(const char *plan, const char *name, option_path kind, char
     free(*text);
     *text = resolved;
     return good;
+}
+
+char *plan_value_text(const json_t *value)
+{
+    if (json_is_string(value))
+        return format_text("%s", json_string_value(value));
+    if (json_is_integer(value))
+        return format_text("%lld", (long long)json_integer_value(value));
+    if (json_is_real(value))
+        return format_text("%.9g", json_real_value(value));
+    if (json_is_array(value)) {
+        char *joined = format_text("%s", "");
+        for (size_t k = 0; k < json_array_size(value); ++k) {
+            char *item = plan_value_text(json_array_get(value, k)),
+                 *longer = format_text("%s%s%s", joined, k ? "," : "", item ? item : "");
+            free(item);
+            free(joined);
+            joined = longer;
+        }
+        return joined;
+    }
+    return NULL;
 }

@@ -55,6 +55,10 @@ mv "$dir/block_1/checkpoint/state.previous.bin" "$dir/block_1/checkpoint/state.b
 rm -r "$dir/block_1/summary.json" "$dir/block_1/point_cloud"
 run 1 merge "$dir" -o "$temporary/merged"
 reports "blocks/block_"
+cp -r "$dir/block_1" "$temporary/again"
+run 0 train "$room" -o "$temporary/again" --resume --quiet # plan, block and initial model: those of the run
+check a_block_resumes_without_its_options test \
+    "$(jq .model_hash "$temporary/straight/summary.json")" = "$(jq .model_hash "$temporary/again/summary.json")"
 check blocks_resume bash -c 'bash "$0" "${@:2}" 2>"$1"' "$dir/blocks.sh" "$temporary/stderr" --iterations 90 --downscale 16 --eval
 reports "block_1: resuming at iteration 60"
 check resumed_block_has_the_same_bits test \

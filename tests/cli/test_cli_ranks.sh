@@ -119,7 +119,7 @@ ranks 0 3 train "${common[@]}" --checkpoint-every 50 -o "$temporary/part"
 # As if it had been killed after the checkpoint of iteration 100.
 mv "$temporary/part/checkpoint/state.previous.bin" "$temporary/part/checkpoint/state.bin"
 rm "$temporary/part/summary.json"
-ranks 0 2 train "${common[@]}" --resume --checkpoint-every 50 -o "$temporary/part"
+ranks 0 2 train "$room" --quiet --resume --checkpoint-every 50 -o "$temporary/part" # options: those of the run
 same_hash whole part
 
 # A rank is killed: the launcher ends the job; the checkpoint is whole.

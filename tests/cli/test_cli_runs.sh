@@ -107,8 +107,13 @@ run 0 eval "$nerf_run" "$temporary/nerf" --json
 check the_held_out_views test "$(names)" = 'test/r_0.png '
 run 0 render "$nerf_run" "$temporary/nerf" --split test --aov rgba -o "$temporary/nerf_run_views"
 run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --eval --random-points 200 --quiet --resume
-jq '.options.images = "images"' "$nerf_run/config.json" >"$temporary/recorded.json" # as recorded before
+cp -r "$nerf_run" "$temporary/nerf_old"
+run 0 train "$temporary/nerf" -o "$nerf_run" --resume --quiet
+check its_own_test_views_are_used_without_a_warning test ! -s "$temporary/stderr"
+jq 'del(.precise) | .options.images = "images"' "$nerf_run/config.json" >"$temporary/recorded.json" # as recorded before
 cp "$temporary/recorded.json" "$nerf_run/config.json"
+cp "$temporary/recorded.json" "$temporary/nerf_old/config.json"
+run 0 train "$temporary/nerf" -o "$temporary/nerf_old" --resume --quiet
 run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --eval --random-points 200 --quiet --resume
 
 # a_random_background_is_evaluated_over_black_in_training_and_later (a white data set, too)

@@ -191,8 +191,8 @@ check fewer_holes bash -c "paste '$temporary/opaque.alpha' '$temporary/holes.alp
 run 0 train "$room" --downscale 8 -o "$temporary/given" --iterations 2 --opaque --alpha-loss 0.2 --background 0,1,0 --quiet
 json "$temporary/given/config.json" '.options | .background == [0, 1, 0] and .alpha_loss == 0.2'
 check no_warning test ! -s "$temporary/stderr"
-run 1 train "$room" --downscale 8 -o "$temporary/given" --iterations 2 --alpha-loss 0.2 --background 0,1,0 --resume --quiet
-reports "--opaque was true when the run started"
+run 0 train "$room" -o "$temporary/given" --resume --quiet
+json "$temporary/given/config.json" '.options | .opaque and .background == [0, 1, 0] and .alpha_loss == 0.2'
 run 2 train "$room" --downscale 8 -o "$temporary/none" --opaque --alpha-loss 0
 reports "--opaque requires --alpha-loss above 0"
 

@@ -8,377 +8,23 @@
 
 #include "cli/options.h"
 
-#include <ctype.h>
-#include <errno.h>
-#include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <strings.h>
 
 #include "cli/json_result.h"
 #include "cli/option_list.h"
+#include "cli/option_values.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
-enum { HELP_INDENT = 30, HELP_WIDTH = 100, LONGEST_WORD = 63, NEEDS_MOST = 200 };
-
-static const char *usage_context;
-
-void fail_usage_within(const char *context)
-{
-    usage_context = context;
-}
-
-int fail_usage(const char *format, ...)
-{
-    char text[2048];
-    va_list args;
-    va_start(args, format);
-    const int length = snprintf(text, sizeof text, "%s%s", usage_context ? usage_context : "",
-                                usage_context ? ": " : "");
-    if (length >= 0 && length < (int)sizeof text)
-        vsnprintf(text + length, sizeof text - (size_t)length, format, args);
-    va_end(args);
-    fprintf(stderr, "sparegs: %s\n", text);
-    last_error_set(text);
-    json_result_error(text);
-    return EXIT_USAGE;
-}
+enum { HELP_INDENT = 30, HELP_WIDTH = 100, NEEDS_MOST = 200 };
 
 void key_to_name(char *text)
 {
     for (char *dash = text; (dash = strchr(dash, '_'));)
         *dash = '-';
-}
-
-// Damerau-Levenshtein distance (optimal string alignment): insert, delete, replace, swap
-// neighbours.
-static size_t edit_distance(const char *a, const char *b)
-{
-    size_t rows[3][LONGEST_WORD + 1];
-    const size_t length_a = strnlen(a, LONGEST_WORD), length_b = strnlen(b, LONGEST_WORD);
-    for (size_t j = 0; j <= length_b; ++j)
-        rows[0][j] = j;
-    for (size_t i = 1; i <= length_a; ++i) {
-        size_t *now = rows[i % 3];
-        const size_t *before = rows[(i + 2) % 3], *earlier = rows[(i + 1) % 3];
-        now[0] = i;
-        for (size_t j = 1; j <= length_b; ++j) {
-            size_t best = before[j - 1] + (a[i - 1] != b[j - 1]);
-            if (before[j] + 1 < best)
-                best = before[j] + 1;
-            if (now[j - 1] + 1 < best)
-                best = now[j - 1] + 1;
-            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] &&
-                earlier[j - 2] + 1 < best)
-                best = earlier[j - 2] + 1;
-            now[j] = best;
-        }
-    }
-    return rows[length_a % 3][length_b];
-}
-
-// The word that `text` abbreviates, else the nearest by edit distance if it is similar. NULL if
-// there is none.
-static const char *nearest_word(const char *text, const char *const *words, size_t count)
-{
-    const char *nearest = NULL;
-    const size_t length = strlen(text);
-    size_t least = length < 2 ? 0 : length < 6 ? 1 : length / 3; // at most this many edits
-    for (size_t i = 0; i < count; ++i) {
-        if (length && !strncmp(words[i], text, length))
-            return words[i];
-        const size_t distance = edit_distance(text, words[i]);
-        if (distance < least + !nearest) {
-            least = distance;
-            nearest = words[i];
-        }
-    }
-    return nearest;
-}
-
-const char *suggestion(char storage[SUGGESTION_LENGTH], const char *prefix, const char *text,
-                       const char *const *words, size_t count)
-{
-    const char *nearest = nearest_word(text, words, count);
-    *storage = 0;
-    if (nearest)
-        snprintf(storage, SUGGESTION_LENGTH, " (did you mean '%s%s'?)", prefix, nearest);
-    return storage;
-}
-
-// Copies word k of "a|b|c" or "a,b,c". False if there are fewer words.
-static bool word_at(const char *words, int k, char word[LONGEST_WORD + 1])
-{
-    const char *at = words;
-    for (; k > 0; --k) {
-        at += strcspn(at, "|,");
-        if (!*at++)
-            return false;
-    }
-    const size_t length = strcspn(at, "|,");
-    snprintf(word, LONGEST_WORD + 1, "%.*s", (int)length, at);
-    return length > 0;
-}
-
-static int word_index(const char *words, const char *text, size_t length)
-{
-    char word[LONGEST_WORD + 1];
-    for (int k = 0; word_at(words, k, word); ++k)
-        if (strlen(word) == length && !strncmp(word, text, length))
-            return k;
-    return -1;
-}
-
-// For example "1 to 30000 iterations".
-static const char *range_text(const option *row, char text[96])
-{
-    const int digits = row->kind == OPTION_REAL ? 6 : 17; // integers with all digits
-    snprintf(text, 96, "%.*g to %.*g%s%s", digits, row->low, digits, row->high,
-             row->unit ? " " : "", row->unit ? row->unit : "");
-    return text;
-}
-
-static bool fail_range(const option *row, const char *argument)
-{
-    char range[96];
-    fail_usage("--%s: '%s' is not %s %s", row->name, argument,
-               row->kind == OPTION_REAL ? "a number from" : "a whole number from",
-               range_text(row, range));
-    return false;
-}
-
-static bool parse_integer(const option *row, const char *argument, int *value)
-{
-    char *end;
-    errno = 0;
-    const long number = strtol(argument, &end, 10);
-    if (errno || end == argument || *end || (double)number < row->low || (double)number > row->high)
-        return fail_range(row, argument);
-    *value = (int)number;
-    return true;
-}
-
-static bool parse_count(const option *row, const char *argument, uint64_t *value)
-{
-    char *end;
-    errno = 0;
-    const unsigned long long number = strtoull(argument, &end, 10);
-    if (errno || end == argument || *end || strchr(argument, '-') || (double)number < row->low ||
-        (double)number > row->high)
-        return fail_range(row, argument);
-    *value = number;
-    return true;
-}
-
-static bool parse_real(const option *row, const char *argument, double *value)
-{
-    char *end;
-    const double number = strtod(argument, &end);
-    if (end == argument || *end || !(number >= row->low && number <= row->high))
-        return fail_range(row, argument);
-    *value = number;
-    return true;
-}
-
-// A sum of numbers with units: 3h55m. A number without a unit is in seconds.
-static bool parse_duration(const option *row, const char *argument, double *value)
-{
-    static const char units[] = "dhms";
-    static const double seconds[] = {86400, 3600, 60, 1};
-    double sum = 0;
-    size_t least = 0; // units must be in descending order, each at most once
-    for (const char *at = argument; *argument && *at;) {
-        char *end = (char *)at;
-        const double number = *at >= '0' && *at <= '9' ? strtod(at, &end) : -1;
-        const char *unit = number < 0       ? NULL
-                           : *end           ? strchr(units, *end)
-                           : at == argument ? units + 3
-                                            : NULL;
-        if (!unit || (size_t)(unit - units) < least || unit - units > 3) {
-            sum = -1;
-            break;
-        }
-        least = (size_t)(unit - units) + 1;
-        sum += number * seconds[unit - units];
-        at = *end ? end + 1 : end;
-    }
-    if (!*argument || !(sum >= row->low && sum <= row->high)) {
-        fail_usage("--%s: '%s' is not a duration; write for example 90s, 45m, 3h55m or 2d12h",
-                   row->name, argument);
-        return false;
-    }
-    *value = sum;
-    return true;
-}
-
-static bool parse_bytes(const option *row, const char *argument, uint64_t *value)
-{
-    static const char units[] = "KMGT"; // powers of 1024, with or without "iB"
-    char *end = (char *)argument;
-    double number = *argument >= '0' && *argument <= '9' ? strtod(argument, &end) : -1;
-    const char *unit = number >= 0 && *end ? strchr(units, toupper((unsigned char)*end)) : NULL;
-    for (const char *u = units; unit && u <= unit; ++u)
-        number *= 1024;
-    end += unit != NULL;
-    const bool ends = !*end || !strcasecmp(end, "B") || (unit && !strcasecmp(end, "iB"));
-    if (number < 0 || !ends || !(number >= row->low && number <= row->high)) {
-        fail_usage("--%s: '%s' is not a size; write for example 500M or 4GiB", row->name, argument);
-        return false;
-    }
-    *value = (uint64_t)number;
-    return true;
-}
-
-static bool fail_word(const option *row, const char *argument)
-{
-    char storage[32][LONGEST_WORD + 1];
-    const char *words[32];
-    int count = 0;
-    while (count < 32 && word_at(row->argument, count, storage[count])) {
-        words[count] = storage[count];
-        ++count;
-    }
-    char near[SUGGESTION_LENGTH];
-    fail_usage("--%s: invalid value '%s'%s; choose from %s", row->name, argument,
-               suggestion(near, "", argument, words, (size_t)count), row->argument);
-    return false;
-}
-
-static bool parse_set(const option *row, const char *argument, unsigned *value)
-{
-    const char *bar = strrchr(row->argument, '|');
-    const char *words = bar ? bar + 1 : row->argument;
-    char word[LONGEST_WORD + 1];
-    unsigned all = 0, bits = 0;
-    for (int k = 0; word_at(words, k, word); ++k)
-        all |= 1U << k;
-    if (bar && row->argument[0] == 'o' && (!strcmp(argument, "on") || !strcmp(argument, "off"))) {
-        *value = argument[1] == 'n' ? all : 0;
-        return true;
-    }
-    if (bar && !strcmp(argument, "all") && !strncmp(row->argument, "all|", 4)) {
-        *value = all;
-        return true;
-    }
-    for (const char *at = argument;; ++at) {
-        const size_t length = strcspn(at, ",");
-        const int k = word_index(words, at, length);
-        if (k < 0) {
-            char unknown[LONGEST_WORD + 1];
-            snprintf(unknown, sizeof unknown, "%.*s", (int)length, at);
-            if (!bar || word_index(row->argument, at, length) < 0)
-                return fail_word(row, unknown);
-            fail_usage("--%s: '%s' cannot be combined with other words", row->name, unknown);
-            return false;
-        }
-        bits |= 1U << k;
-        at += length;
-        if (!*at)
-            break;
-    }
-    *value = bits;
-    return true;
-}
-
-static bool parse_integers(const option *row, const char *argument, integer_list *list)
-{
-    list->count = 0;
-    for (const char *at = argument;; ++at) {
-        const size_t length = strcspn(at, ",");
-        char text[24];
-        if (list->count == (int)(sizeof list->values / sizeof *list->values)) {
-            fail_usage("--%s: too many numbers; at most %d are allowed", row->name, list->count);
-            return false;
-        }
-        snprintf(text, sizeof text, "%.*s", (int)length, at);
-        if (length >= sizeof text || !parse_integer(row, text, &list->values[list->count++]))
-            return length >= sizeof text ? fail_range(row, argument) : false;
-        at += length;
-        if (!*at)
-            return true;
-    }
-}
-
-static bool parse_size(const option *row, const char *argument, size_t *value)
-{
-    uint64_t count = 0;
-    const bool good = parse_count(row, argument, &count);
-    if (good)
-        *value = (size_t)count;
-    return good;
-}
-
-static bool parse_color(const option *row, const char *argument, void *values)
-{
-    float *rgb = (void *)((char *)values + row->offset);
-    const bool random = row->random_offset && !strcmp(argument, "random");
-    if (row->random_offset)
-        *(bool *)((char *)values + row->random_offset) = random;
-    if (random)
-        return true;
-    const char *at = argument;
-    for (int c = 0; c < 3; ++c) {
-        char *end;
-        rgb[c] = strtof(at, &end);
-        if (end == at || *end != (c < 2 ? ',' : 0) || !(rgb[c] >= 0 && rgb[c] <= 1)) {
-            fail_usage("--%s: '%s' is not R,G,B with values from 0 to 1%s", row->name, argument,
-                       row->random_offset ? ", or 'random'" : "");
-            return false;
-        }
-        at = end + 1;
-    }
-    return true;
-}
-
-// Messages and configs contain the path: OUT/point_cloud, not OUT//point_cloud.
-static void trim_slashes(char *path)
-{
-    for (size_t n = strlen(path); n > 1 && path[n - 1] == '/';)
-        path[--n] = 0;
-}
-
-static bool parse_value(const option *row, const char *argument, void *values)
-{
-    void *value = (char *)values + row->offset;
-    switch (row->kind) {
-    case OPTION_FLAG:
-        *(bool *)value = true;
-        return true;
-    case OPTION_INTEGER:
-        return parse_integer(row, argument, value);
-    case OPTION_COUNT:
-        return parse_count(row, argument, value);
-    case OPTION_SIZE:
-        return parse_size(row, argument, value);
-    case OPTION_REAL:
-        return parse_real(row, argument, value);
-    case OPTION_FOLDER:
-        trim_slashes((char *)argument);
-        // fall through
-    case OPTION_TEXT:
-        *(const char **)value = argument;
-        if (!*argument)
-            fail_usage("--%s: %s must not be empty", row->name, row->argument);
-        return *argument != 0;
-    case OPTION_CHOICE:
-        *(int *)value = word_index(row->argument, argument, strlen(argument));
-        return *(int *)value >= 0 || fail_word(row, argument);
-    case OPTION_SET:
-        return parse_set(row, argument, value);
-    case OPTION_INTEGERS:
-        return parse_integers(row, argument, value);
-    case OPTION_DURATION:
-        return parse_duration(row, argument, value);
-    case OPTION_BYTES:
-        return parse_bytes(row, argument, value);
-    case OPTION_COLOR:
-        return parse_color(row, argument, values);
-    }
-    return false;
 }
 
 // ---- Help ----
@@ -542,7 +188,7 @@ static int parse_option(command_line *line, int argc, char **argv, int *at)
 static int set_defaults(command_line *line)
 {
     for (size_t g = 0; g < line->group_count; ++g) {
-        line->groups[g].given = 0;
+        line->groups[g].given = line->groups[g].filled = 0;
         for (size_t i = 0; i < line->groups[g].count; ++i) {
             const option *row = &line->groups[g].options[i];
             if (row->initial && !parse_value(row, row->initial, line->groups[g].values))
@@ -579,7 +225,7 @@ static bool condition_met(const command_line *line, const char *condition, size_
         text[used] = 0;
     option_group *group = NULL;
     const option *row = find_row(line, name, strlen(name), &group);
-    return word ? row && has_word(row, group->values, word) : option_given(line, name);
+    return word ? row && has_word(row, group->values, word) : option_set(line, name);
 }
 
 // The first part of option.needs that is not met goes to `text`.
@@ -598,8 +244,7 @@ static bool needs_met(const command_line *line, const char *needs, char text[NEE
     return true;
 }
 
-// Rejects an option that has no effect without others. Returns -1 to continue, or EXIT_USAGE.
-static int check_needs(command_line *line)
+int command_line_check_needs(command_line *line)
 {
     char text[NEEDS_MOST];
     line->idle = NULL;
@@ -758,7 +403,8 @@ int command_line_parse(command_line *line, int argc, char **argv)
     }
     if (line->operand_count < line->operand_minimum)
         return fail_usage("missing argument; usage: sparegs %s %s", line->command, line->synopsis);
-    const int status = check_needs(line);
+    const bool later = line->fills && option_given(line, line->fills);
+    const int status = later ? -1 : command_line_check_needs(line);
     return status < 0 ? check_outputs_apart(line) : status;
 }
 
@@ -768,14 +414,34 @@ const option *find_option(const command_line *line, const char *name)
     return find_row(line, name, strlen(name), &group);
 }
 
-int find_word(const char *words, const char *word)
+// True if the option was on the command line, or was filled if `filled`.
+static bool has_bit(const command_line *line, const char *name, bool filled)
 {
-    return word ? word_index(words, word, strlen(word)) : -1;
+    option_group *group = NULL;
+    const option *row = find_row(line, name, strlen(name), &group);
+    return row && ((group->given | (filled ? group->filled : 0)) >> (row - group->options) & 1);
 }
 
 bool option_given(const command_line *line, const char *name)
 {
+    return has_bit(line, name, false);
+}
+
+bool option_set(const command_line *line, const char *name)
+{
+    return has_bit(line, name, true);
+}
+
+bool option_fill(const command_line *line, const char *name, const char *text)
+{
     option_group *group = NULL;
     const option *row = find_row(line, name, strlen(name), &group);
-    return row && (group->given >> (row - group->options) & 1);
+    if (!row || option_given(line, name))
+        return true;
+    if (row->kind == OPTION_FLAG && strcmp(text, "true") != 0) {
+        fail_usage("--%s: '%s' is not true or false", name, text);
+        return false;
+    }
+    group->filled |= UINT64_C(1) << (row - group->options);
+    return parse_value(row, text, group->values);
 }

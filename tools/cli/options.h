@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
+#include "cli/usage_error.h"
 
 // The argument of an option, and the type of its value.
 typedef enum option_kind {
@@ -69,7 +69,8 @@ typedef struct option_group {
     const option *options;
     size_t count;
     void *values;
-    uint64_t given; // bit k: options[k] was on the command line
+    uint64_t given;  // bit k: options[k] was on the command line
+    uint64_t filled; // bit k: it was not, and option_fill has set it
 } option_group;
 
 // The command line of one command.
@@ -82,13 +83,23 @@ typedef struct command_line {
     int operand_minimum, operand_maximum; // at most 8
     const char *operands[8];              // out
     int operand_count;                    // out
-    bool allow_idle;                      // options without effect are not an error; then
-    const char *idle;                     // out: the name of the first of them, or NULL
+    const char *fills; // a flag with which option_fill completes the values, or NULL: the caller
+                       // then calls command_line_check_needs
+    bool allow_idle;   // options without effect are not an error; then
+    const char *idle;  // out: the name of the first of them, or NULL
 } command_line;
 
 // Sets the values to their defaults and then parses argv[1...]. Returns -1 to continue, or an exit
 // status: EXIT_DONE after printing --help to stdout, EXIT_USAGE after printing the error to stderr.
 int command_line_parse(command_line *line, int argc, char **argv);
+
+// Sets an option that is not on the command line, as the argument `text` there would; ignores one
+// that is. A FLAG is set by "true". `text` outlives the values. False after printing the error.
+bool option_fill(const command_line *line, const char *name, const char *text);
+
+// Rejects an option that has no effect without others (option.needs). Returns -1 to continue, or
+// EXIT_USAGE. For a line with `fills`, where the parser leaves it to the caller.
+int command_line_check_needs(command_line *line);
 
 // The row of an option; NULL if the command has no such option.
 const option *find_option(const command_line *line, const char *name);
@@ -101,6 +112,8 @@ int find_word(const char *words, const char *word);
 
 // True if the option was on the command line.
 bool option_given(const command_line *line, const char *name);
+// True if it was, or if option_fill has set it.
+bool option_set(const command_line *line, const char *name);
 
 // For options whose effect depends on more than `needs`; names is "a|b|c". The first that was given
 // is a usage error, or each gets a warning: "--a has no effect WHY". refuse_idle returns -1 to
@@ -114,14 +127,3 @@ bool same_file(const char *a, const char *b);
 int refuse_outputs_at(const command_line *line, const char *input);
 // Refuses the output --name, which would replace an input; returns EXIT_USAGE.
 int refuse_input(const char *name, const char *path);
-
-// " (did you mean 'PREFIXword'?)" for the word that `text` abbreviates or, if it is similar, the
-// nearest; "" if there is none. Held by `storage`.
-enum { SUGGESTION_LENGTH = 300 };
-const char *suggestion(char storage[SUGGESTION_LENGTH], const char *prefix, const char *text,
-                       const char *const *words, size_t count);
-
-// Prints one line "sparegs: ..." to stderr and returns EXIT_USAGE.
-int fail_usage(const char *format, ...) __attribute__((format(printf, 1, 2)));
-// Prefix of these messages, such as the file that the options come from; NULL for none.
-void fail_usage_within(const char *context);

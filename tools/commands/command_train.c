@@ -18,6 +18,7 @@
 #include "cli/progress.h"
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
+#include "cli/train_record.h"
 #include "commands/training.h"
 #include "run/evaluate_saved.h"
 #include "run/memory_check.h"
@@ -68,7 +69,7 @@ static bool load_scene(training *run)
     scene_warn_idle(run->scene, &run->data, run->line);
     train_warn_idle(&run->values, run->line);
     const bool random = run->values.options.background_random; // of --opaque, too
-    if (run->scene->white_background && !option_given(run->line, "background") && !random)
+    if (run->scene->white_background && !option_set(run->line, "background") && !random)
         for (int c = 0; c < 3; ++c)
             run->values.options.background[c] = 1;
     run->data.white_point = run->scene->white_point; // for config.json: the measured value
@@ -445,23 +446,42 @@ static bool evaluate(training *run)
 static bool claim_folder(training *run)
 {
     const train_values *values = &run->values;
-    if (!run_record_claim(&run->folder, values->output, values->resume, values->overwrite,
-                          &run->stored))
-        return false;
-    if (run->stored)
-        run->data.held_out = json_object_get(run->stored, "test_images");
-    return true;
+    return run_record_claim(&run->folder, values->output, values->resume, values->overwrite,
+                            &run->stored);
 }
 
-// The config of the run to resume, for all ranks: it names the held-out images.
+// The config of the run to resume, for all ranks.
 static bool share_config(training *run)
 {
     if (!run->values.resume)
         return true;
     run->stored = group_json(run->stored);
-    if (run->stored)
-        run->data.held_out = json_object_get(run->stored, "test_images");
     return group_all(run->stored != NULL);
+}
+
+// What follows from the values of all options. Returns -1 to continue, or an exit status.
+static int resolve_values(training *run, const command_line *line)
+{
+    train_resolve(&run->values, line, run->common.seed);
+    const int status = train_region_resolve(&run->values);
+    return status < 0 ? train_values_check(&run->values, line) : status;
+}
+
+// Completes the options of --resume from the config of the run. Returns -1 to continue, or an exit
+// status.
+static int recall_options(training *run)
+{
+    command_line *line = run->line;
+    if (!run->values.resume)
+        return -1;
+    char *path = format_text("%s/config.json", run->values.output);
+    const bool recalled = train_config_recall(line, path, run->stored, &run->values, &run->data);
+    free(path);
+    if (!recalled)
+        return EXIT_FAILED;
+    run->data.held_out = json_object_get(run->stored, "test_images");
+    const int status = command_line_check_needs(line);
+    return status < 0 ? resolve_values(run, line) : status;
 }
 
 // Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
@@ -474,6 +494,9 @@ static int prepare(training *run)
           (!run->values.trace || check_output(run->values.trace)) && claim_folder(run)));
     if (!group_all(claimed) || !share_config(run))
         return EXIT_FAILED;
+    const int recalled = recall_options(run);
+    if (!group_all(recalled < 0))
+        return recalled < 0 ? EXIT_FAILED : recalled;
     bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&
                   evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
     loaded = group_all(loaded);
@@ -566,6 +589,7 @@ static void describe_line(training *run, option_group groups[GROUP_COUNT], comma
                            .group_count = GROUP_COUNT,
                            .operand_minimum = 1,
                            .operand_maximum = 1,
+                           .fills = "resume",
                            .allow_idle = line->allow_idle};
 }
 
@@ -579,13 +603,13 @@ static int parse_line(training *run, option_group groups[GROUP_COUNT], command_l
         status = scene_resolve(&run->data, line, NULL);
     if (status < 0)
         status = train_scene_check(&run->data);
-    train_resolve(&run->values, line, run->common.seed);
     if (status < 0)
-        status = train_region_resolve(&run->values);
+        status = train_output_check(&run->values, line);
     const char *problem = training_view_check(run->values.view, run->values.view_token);
     if (status < 0 && problem)
         status = fail_usage("%s", problem);
-    return status < 0 ? train_values_check(&run->values, line) : status;
+    // --resume completes the options later.
+    return status < 0 && !run->values.resume ? resolve_values(run, line) : status;
 }
 
 int command_train_check(int argc, char **argv, const char **idle)
@@ -632,6 +656,7 @@ int command_train(int argc, char **argv)
     json_decref(run.per_rank);
     block_plan_free(&run.plan);
     free(run.values.region_plan);
+    free(run.values.region_text);
     free(run.stop_text);
     return status;
 }

@@ -24,7 +24,7 @@ typedef struct training {
     common_values common;
     scene_values data;
     train_values values;
-    const command_line *line;
+    command_line *line;
     const char *scene_path;
     sgs_scene *scene;
     sgs_lpips *lpips; // NULL without --lpips

@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: 2026 The sparegs authors
+# SPDX-License-Identifier: Apache-2.0
+
+# sparegs train SCENE -o OUT --resume: options that are not repeated have the recorded values, to the last bit; options that
+# are given must agree; a damaged record is one line of error and changes nothing.
+set -u
+# shellcheck source-path=SCRIPTDIR source=cli_support.sh
+source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
+hash_of() { jq -r .model_hash "$1/summary.json"; }
+# rewind RUN: as if the run had been killed after its last checkpoint but one.
+rewind() {
+    cp "$1/checkpoint/state.previous.bin" "$1/checkpoint/state.bin"
+    rm -r "$1/point_cloud" "$1/summary.json"
+}
+# cut_run NAME OPTION...: trains, goes back to iteration 40 of 60 and continues without the options.
+cut_run() {
+    run 0 train "$room" -o "$temporary/$1" --iterations 60 --downscale 16 --checkpoint-every 20 --quiet "${@:2}"
+    hash=$(hash_of "$temporary/$1")
+    cp "$temporary/$1/config.json" "$temporary/before.json"
+    rewind "$temporary/$1"
+    run 0 train "$room" -o "$temporary/$1" --resume --quiet
+    check "${1}_has_the_same_bits" test "$(hash_of "$temporary/$1")" = "$hash"
+    check "${1}_has_the_same_options" cmp <(jq .options "$temporary/before.json") <(jq .options "$temporary/$1/config.json")
+    json "$temporary/$1/config.json" '.resumed[0] == {"iteration": 40, "changed_from": {}}'
+}
+
+# the_recorded_options_are_used
+cut_run many --pipeline mcmc --mcmc-noise 100.123456789012 --mcmc-units world --max-gaussians 900 --sh-degree 2 --seed 7 \
+    --ssim-weight 0.234567890123 --ssim-sigma 1.25 --batch 2 --background random --exposure --spare bmd,rap --spare-grid 8 \
+    --spare-demand h,v --filter none --optimizer dense --compact-box 0.9 --test-every 5 --schedule paper --images images
+json "$temporary/many/config.json" '.precise == {"ssim_weight": "0.234567890123", "mcmc_noise": "100.123456789012"}'
+cut_run opaque --opaque --eval --pipeline taming --taming-count 1200 --spare off
+cut_run white --background 1,1,1 --test-images 0001.jpg,0005.jpg --pipeline mip
+json "$temporary/white/config.json" '.test_images == ["0001.jpg", "0005.jpg"]'
+cut_run region --init "$temporary/white" --region=-inf,-inf,-inf,0.5,inf,inf
+cut_run linear --train-space linear --alpha ignore --white 1.23456789012345
+
+# a_measured_white_point_is_recorded_to_the_last_bit
+cp -r "$room" "$temporary/hdr"
+rm "$temporary"/hdr/images/*
+for photo in "$room"/images/*.jpg; do
+    oiiotool "$photo" --tocolorspace linear --mulc 1.7 -d half -o "$temporary/hdr/images/$(basename "$photo" .jpg).exr"
+done
+sed -i 's/\.jpg/.exr/g' "$temporary/hdr/sparse/0/images.bin"
+room=$temporary/hdr cut_run measured --train-space linear
+json "$temporary/measured/config.json" '.options.white != 1 and (.precise.white | type) == "string"'
+
+# an_option_that_is_given_must_agree; its condition may be a recorded option
+run 1 train "$room" -o "$temporary/many" --resume --seed 8 --quiet
+reports "--seed was 7 when the run started and is 8 now"
+one_line
+run 0 train "$room" -o "$temporary/many" --resume --mcmc-units world --quiet
+run 1 train "$room" -o "$temporary/many" --resume --mcmc-units extent --quiet
+reports "--mcmc-units was world when the run started and is extent now"
+run 2 train "$room" -o "$temporary/many" --resume --taming-count 100 --quiet
+reports "--taming-count requires --pipeline taming"
+one_line
+run 2 train "$room" -o "$temporary/many" --resume --save-at 61 --quiet
+reports "--save-at: the run ends at iteration 60"
+
+# an_option_that_may_change is changed alone
+run 0 train "$room" -o "$temporary/many" --resume --iterations 62 --quiet
+json "$temporary/many/config.json" '.resumed[-1].changed_from == {"iterations": 60} and .options.max_gaussians == 900'
+
+# a_damaged_record_is_refused and stays
+jq '.options.sh_degree = "high"' "$temporary/many/config.json" >"$temporary/damaged.json"
+cp "$temporary/damaged.json" "$temporary/many/config.json"
+run 1 train "$room" -o "$temporary/many" --resume --quiet
+reports "$temporary/many/config.json: --sh-degree: 'high' is not a whole number from 0 to 3"
+one_line
+check the_record_stays cmp "$temporary/damaged.json" "$temporary/many/config.json"
+jq '.options = null' "$temporary/damaged.json" >"$temporary/many/config.json"
+run 1 train "$room" -o "$temporary/many" --resume --quiet
+reports "was not recorded when the run started"
+one_line
+
+finish

@@ -61,14 +61,14 @@ merge: output seam-images seam-reference overwrite images downscale eval test-ev
 merge: alpha image-cache input-colorspace train-space white threads isa seed json quiet
 eval: split save run lpips filter compact-box background near images downscale eval test-every test-images masks invert-masks
 eval: alpha image-cache input-colorspace train-space white threads isa seed json quiet
-render: output video view split camera orbit spiral frames size projection deep reference filter
+render: output run video view split camera orbit spiral frames size projection deep reference filter
 render: compact-box background near images downscale eval test-every test-images masks invert-masks alpha image-cache
 render: input-colorspace train-space white threads isa seed json quiet
-view: port address token export filter compact-box background near images downscale eval test-every test-images masks
+view: run port address token export filter compact-box background near images downscale eval test-every test-images masks
 view: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 info: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 info: white threads isa seed json quiet
-compress: output method preset filter compact-box background near images downscale eval test-every test-images masks
+compress: output run method preset filter compact-box background near images downscale eval test-every test-images masks
 compress: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 decompress: output threads isa seed json quiet
 convert: filter-nan filter-box filter-sphere filter-value filter-opacity filter-floaters filter-unseen filter-slack filter-region
@@ -79,13 +79,13 @@ convert: white threads isa seed json quiet
 reconstruct: output matcher camera-model cameras colmap threads isa seed json quiet
 explain: top region threads isa seed json quiet
 experiment: output check threads isa seed json quiet
-prune: output method scores filter compact-box background near images downscale eval test-every test-images masks
+prune: output run method scores filter compact-box background near images downscale eval test-every test-images masks
 prune: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 bd: threads isa seed json quiet
 report: markdown html pictures maps threads isa seed json quiet
 bench: list threads isa repeat views seed ranks json csv quiet images downscale eval test-every test-images masks
 bench: invert-masks alpha image-cache input-colorspace train-space white
-profile: output view split views orbit refits repeat samples trace filter compact-box background near images downscale eval
+profile: output run view split views orbit refits repeat samples trace filter compact-box background near images downscale eval
 profile: test-every test-images masks invert-masks alpha image-cache input-colorspace train-space white threads isa
 profile: seed json quiet
 LIST

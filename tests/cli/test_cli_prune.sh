@@ -38,6 +38,38 @@ run 0 prune "$model" "$room" --method pup --fisher-downscale 2 --scores "$tempor
 check the_size_changes_the_scores bash -c "! cmp -s '$temporary/pup4.csv' '$temporary/pup2.csv'"
 check pup_keeps_the_image above "$(psnr "$temporary/pup.ply")" 10
 
+# run_gives_a_derived_model_the_options_of_its_run: size, split, filter and background
+run 0 train "$room" -o "$temporary/base" --downscale 8 --eval --iterations 30 --background 0.2,0.4,0.9 --filter none --quiet
+base=$temporary/base
+cp "$base/point_cloud/iteration_30/point_cloud.ply" "$temporary/derived.ply"
+like_its_run() { # SUFFIX COMMAND ARGUMENT...: the same file of the run and of the derived model, another one without --run
+    run 0 "$2" "$base" "${@:3}" -o "$temporary/of_run.ply" --quiet
+    run 0 "$2" "$temporary/derived.ply" "${@:3}" --run "$base" -o "$temporary/of_derived.ply" --quiet
+    check "$2_as_of_the_run" cmp "$temporary/of_run.ply$1" "$temporary/of_derived.ply$1"
+    run 0 "$2" "$temporary/derived.ply" "${@:3}" -o "$temporary/of_file.ply" --quiet
+    check "$2_without_it_differs" bash -c "! cmp -s '$temporary/of_run.ply$1' '$temporary/of_file.ply$1'"
+    rm -r "$temporary"/of_*
+}
+like_its_run /0001.png render "$room" --view 0001 --format png
+like_its_run "" prune "$room" --method lightgaussian --ratio 0.5
+like_its_run "" compress "$room" --method lightgaussian --keep 0.5 --finetune 0
+for name in base derived.ply; do
+    run 0 profile "$temporary/$name" "$room" --run "$base" --views 1 --refits 1 --repeat 1 --samples 0 --json
+    jq '.view | [.rays, .hits]' "$temporary/stdout" >"$temporary/$name.views"
+done
+check profile_as_of_the_run cmp "$temporary/base.views" "$temporary/derived.ply.views"
+run 0 view "$temporary/derived.ply" "$room" --run "$base" --export "$temporary/of_run.html" --quiet
+run 0 view "$temporary/derived.ply" "$room" --export "$temporary/of_file.html" --quiet
+check view_without_it_differs bash -c "! cmp -s '$temporary/of_run.html' '$temporary/of_file.html'"
+none=(-o "$temporary/none.ply")
+for arguments in "render ${none[*]}" "profile ${none[*]}" "prune --method pup --ratio 0.5 ${none[*]}" "compress --method mesongs -o $temporary/none.bin" view; do
+    # shellcheck disable=SC2086 # several arguments
+    run 1 $arguments "$temporary/derived.ply" "$room" --run "$temporary/derived.ply"
+    reports "derived.ply: not a run folder: config.json does not exist or is damaged"
+    one_line
+done
+check nothing_was_written test ! -e "$temporary/none.ply" -a ! -e "$temporary/none.bin"
+
 # rap_takes_the_weights_of_the_user (random ones here); its features need none
 weights=$SPAREGS_SOURCE/tests/fuzz/corpus/rap_network/valid
 run 0 prune "$model" --method rap --weights "$weights" -o "$temporary/rap" --ratio 0.3,0.7 --features "$temporary/rap.csv" --json

@@ -119,6 +119,27 @@ bool model_locate(const char *model, model_path *located)
     return true;
 }
 
+bool model_locate_of_run(const char *model, const char *of, model_path *located)
+{
+    if (!model_locate(model, located))
+        return false;
+    if (!of)
+        return true;
+    model_path other;
+    if (!model_locate(of, &other))
+        return false;
+    const bool is_run = other.config != NULL;
+    if (!is_run)
+        fail_run("%s: not a run folder: config.json does not exist or is damaged", of);
+    free(other.ply_path);
+    other.ply_path = located->ply_path;
+    other.iteration = 0; // the model is none of the run's own
+    located->ply_path = NULL;
+    model_path_free(located);
+    *located = other;
+    return is_run;
+}
+
 void model_path_free(model_path *located)
 {
     free(located->ply_path);

@@ -21,6 +21,9 @@ typedef struct model_path {
 bool model_is(const char *model);
 // False after printing the error.
 bool model_locate(const char *model, model_path *located);
+// The same for a model that was derived from the run in the folder `of`, of --run: run and config
+// are those of `of`. NULL: as model_locate.
+bool model_locate_of_run(const char *model, const char *of, model_path *located);
 void model_path_free(model_path *located);
 
 // The member `name` of config's "options", or NULL. Accepts NULL.

@@ -57,6 +57,15 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
         .help = "input range of the LPIPS network: [0, 1] as in 3DGS, or [-1, 1] as in its "       \
                 "paper"                                                                            \
     }
+// The row of --run for a struct with the member `run` (const char *), for model_locate_of_run.
+#define RUN_OPTION(values)                                                                         \
+    {                                                                                              \
+        .name = "run", .kind = OPTION_FOLDER, .offset = offsetof(values, run), .argument = "OUT",  \
+        .shown = "MODEL, if it is a run folder or one of its iterations",                          \
+        .help =                                                                                    \
+            "take image folder, size, split, filter and background from this run, for a model "    \
+            "derived from it"                                                                      \
+    }
 // Loads the scene; NULL after printing the error, or when a signal ended the loading.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // The same without images, and without an error if there are no photographs. width, height: size of

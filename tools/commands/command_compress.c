@@ -36,7 +36,7 @@ static const char description[] =
 #define METHOD_WORDS "lightgaussian|sog|mesongs|ghap|fcgs|fcgs-like"
 
 typedef struct compress_values {
-    const char *output;
+    const char *output, *run;
     int method, preset, codec;
     int finetune;
     double keep, eig_min, vq_ratio, step_scale;
@@ -232,6 +232,7 @@ static const option compress_options[] = {
      .initial = "jxl",
      .needs = "method=sog",
      .help = "format of the images, all lossless"},
+    RUN_OPTION(compress_values),
 };
 
 static bool show_progress(void *user, const char *stage, size_t done, size_t total)
@@ -469,7 +470,7 @@ int command_compress(int argc, char **argv)
                       values.output, sgs_model_format_name(format));
     interrupt_watch();
     model_path located;
-    status = model_locate(call.line.operands[0], &located)
+    status = model_locate_of_run(call.line.operands[0], values.run, &located)
                  ? refuse_outputs_at(&call.line, located.ply_path)
                  : EXIT_FAILED;
     if (status < 0)

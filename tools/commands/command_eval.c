@@ -56,13 +56,7 @@ static const option eval_options[] = {
      .shown = "none",
      .help = "write NAME.png (render), NAME_photo.png (photo) and NAME_flip.png (FLIP error "
              "map, magma colours) to DIR"},
-    {.name = "run",
-     .kind = OPTION_FOLDER,
-     .offset = offsetof(eval_values, run),
-     .argument = "OUT",
-     .shown = "MODEL, if it is a run folder or one of its iterations",
-     .help = "take image folder, size, split, filter and background from this run, for a model "
-             "derived from it"},
+    RUN_OPTION(eval_values),
     LPIPS_OPTIONS(eval_values),
 };
 
@@ -342,27 +336,6 @@ static int evaluate_model(const command_line *line, const model_path *located,
     return done ? interrupt_status() : EXIT_FAILED;
 }
 
-// Locates MODEL, and with --run replaces its run by that one.
-static bool locate(const char *model, const eval_values *values, model_path *located)
-{
-    if (!model_locate(model, located))
-        return false;
-    if (!values->run)
-        return true;
-    model_path other;
-    if (!model_locate(values->run, &other))
-        return false;
-    const bool is_run = other.config != NULL;
-    if (!is_run)
-        fail_run("%s: not a run folder: config.json does not exist or is damaged", values->run);
-    free(other.ply_path);
-    other.ply_path = located->ply_path;
-    located->ply_path = NULL;
-    model_path_free(located);
-    *located = other;
-    return is_run;
-}
-
 int command_eval(int argc, char **argv)
 {
     command_call call;
@@ -390,7 +363,7 @@ int command_eval(int argc, char **argv)
     model_path located;
     sgs_scene *scene = NULL;
     status = EXIT_FAILED;
-    if (locate(call.line.operands[0], &values, &located)) {
+    if (model_locate_of_run(call.line.operands[0], values.run, &located)) {
         status = model_scene_resolve(&data, &call.line, &located);
         if (status < 0)
             scene = scene_open(call.line.operands[1], &data, true);

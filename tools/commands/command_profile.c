@@ -29,7 +29,7 @@ static const char description[] =
     "With -o DIR, writes heat maps per pixel and per tile as EXR and PNG.";
 
 typedef struct profile_values {
-    const char *output, *view, *trace;
+    const char *output, *view, *trace, *run;
     int split, views, orbit, refits, repeat, samples;
 } profile_values;
 
@@ -103,6 +103,7 @@ static const option profile_options[] = {
      .argument = "FILE",
      .shown = "none",
      .help = "write the phases of the training iterations as a Chrome/Perfetto trace"},
+    RUN_OPTION(profile_values),
 };
 
 enum { VIEWS_MAX = 16, ALL = 2 }; // ALL: of the words of --split
@@ -278,7 +279,7 @@ static int run_profile(const command_line *line, const profile_values *values,
     sgs_gaussians *model = NULL;
     sgs_counters *counters = sgs_counters_open(); // they count threads that start later
     char *reason = counters ? NULL : format_text("%s", sgs_last_error());
-    int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
+    int status = model_locate_of_run(line->operands[0], values->run, &located) ? -1 : EXIT_FAILED;
     if (status < 0)
         status = refuse_outputs_at(line, located.ply_path);
     if (status < 0)

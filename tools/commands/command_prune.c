@@ -36,7 +36,7 @@ static const char description[] =
 enum { MOST_RATIOS = 32 };
 
 typedef struct prune_values {
-    const char *output, *scores, *ratio, *features, *weights;
+    const char *output, *scores, *ratio, *features, *weights, *run;
     int method, finetune, fisher_downscale;
     double volume_power;
 } prune_values;
@@ -114,6 +114,7 @@ static const option prune_options[] = {
      .initial = "4",
      .needs = "method=pup",
      .help = "divide width and height of the views of PUP's Fisher matrices by K"},
+    RUN_OPTION(prune_values),
 };
 
 static const char *const method_names[] = {"lightgaussian", "refine", "pup", "rap"};
@@ -568,7 +569,7 @@ int command_prune(int argc, char **argv)
         return status;
     interrupt_watch();
     p.model_name = call.line.operands[0];
-    bool done = model_locate(p.model_name, &p.located);
+    bool done = model_locate_of_run(p.model_name, values.run, &p.located);
     if (done)
         status = check_outputs(&p);
     if (done && status < 0)

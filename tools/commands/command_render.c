@@ -36,7 +36,7 @@ static const char description[] =
     "mpirun or srun, the views are distributed over the processes, and rank 0 encodes the video.";
 
 typedef struct render_values {
-    const char *output, *view, *camera;
+    const char *output, *view, *camera, *run;
     int split, format, encoding, depth, compression;
     unsigned aovs, save_cameras;
     bool reference, half, deep, skip_existing;
@@ -205,6 +205,7 @@ static const option render_options[] = {
      .unit = "scene units",
      .needs = "aperture",
      .help = "focus distance along the camera axis"},
+    RUN_OPTION(render_values),
     {.name = "aov",
      .kind = OPTION_SET,
      .offset = AT(aovs),
@@ -610,7 +611,7 @@ static int run_render(const command_line *line, const render_values *values,
     model_path located;
     sgs_scene *scene = NULL;
     camera_list cameras = {0};
-    int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
+    int status = model_locate_of_run(line->operands[0], values->run, &located) ? -1 : EXIT_FAILED;
     if (status < 0)
         status = model_scene_resolve(data, line, &located);
     if (status < 0 && !values->camera) {

@@ -24,7 +24,7 @@ static const char description[] =
 
 typedef struct view_values {
     int port;
-    const char *address, *token, *export;
+    const char *address, *token, *export, *run;
 } view_values;
 
 static const option view_options_table[] = {
@@ -59,6 +59,7 @@ static const option view_options_table[] = {
      .shown = "serve",
      .help = "write a page that shows the model offline with WebGL 2, compressed as SOG, with the "
              "cameras; do not serve"},
+    RUN_OPTION(view_values),
 };
 
 // Waits for a signal.
@@ -148,7 +149,7 @@ static int run_view(const command_line *line, const view_values *values, scene_v
     model_path located;
     sgs_scene *scene = NULL;
     view_session session = {0};
-    int status = model_locate(line->operands[0], &located) ? -1 : EXIT_FAILED;
+    int status = model_locate_of_run(line->operands[0], values->run, &located) ? -1 : EXIT_FAILED;
     if (status < 0)
         status = model_scene_resolve(data, line, &located);
     if (status < 0 && line->operand_count > 1) {

@@ -42,6 +42,31 @@ printf 'size,psnr\n10,20\n20,25\n40,25\n' >"$b"
 run 0 bd "$a" "$b"
 reports "warning: 1 points have the PSNR or size of another point"
 
+# one_table_of_several_curves: the column is bytes, as in post.csv; rows are selected by the values of columns
+post=$temporary/post.csv
+printf 'variant,step,bytes,psnr,note\noff,d,10,20,\non,d,5,20,\noff,d,20,25,\non,"d",10,25,"a, b"\n' >"$post"
+printf 'off,d,40,29,\non, d,20,29,\non,c,1,x,\n' >>"$post"
+run 0 bd "$post" "$post" --select variant=off --select-test Variant=on,step=d
+prints "BD-rate   -50.00 %"
+run 0 bd "$post" "$post" --select variant=off,note=
+prints "BD-rate   +0.00 %"
+run 1 bd "$post" "$post" --select variant=off --select-test variant=on
+reports "post.csv: line 8: psnr is 'x'; a finite number is required"
+one_line
+run 1 bd "$post" "$post" --select variant=off --select-test variant=none
+reports "post.csv: 0 rows with variant=none; at least 3 points of size and PSNR are required"
+one_line
+run 1 bd "$post" "$post" --select method=pup
+reports "post.csv: line 1: the header has no column 'method' to select by"
+one_line
+for text in variant =off variant=off, ,variant=off; do
+    run 2 bd "$post" "$post" --select "$text"
+    reports "--select: '$text' is not COLUMN=VALUE[,COLUMN=VALUE...]"
+    one_line
+done
+run 2 bd "$post" "$post" --select-test variant
+reports "--select-test: 'variant' is not"
+
 # bad_tables_are_refused
 bad() { # MESSAGE: the printf format of the table is on stdin
     # shellcheck disable=SC2059 # a format

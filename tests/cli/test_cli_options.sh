@@ -81,7 +81,7 @@ explain: top region threads isa seed json quiet
 experiment: output check threads isa seed json quiet
 prune: output run method scores filter compact-box background near images downscale eval test-every test-images masks
 prune: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
-bd: threads isa seed json quiet
+bd: select select-test threads isa seed json quiet
 report: markdown html pictures maps threads isa seed json quiet
 bench: list threads isa repeat views seed ranks json csv quiet images downscale eval test-every test-images masks
 bench: invert-masks alpha image-cache input-colorspace train-space white

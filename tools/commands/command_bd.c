@@ -22,11 +22,39 @@
 static const char description[] =
     "Compares the rate-distortion curve (size and PSNR) in TEST with that in ANCHOR: BD-rate is "
     "the mean change in size at equal PSNR, BD-PSNR the mean change in PSNR at equal size. Both "
-    "files are CSV tables with a header that names the columns 'size' and 'psnr' (other columns "
-    "are ignored) and three rows or more, in any order. The curves are interpolated by monotone "
-    "cubics (PCHIP) over ln(size).";
+    "files are CSV tables with a header that names the columns 'size' or 'bytes', and 'psnr' "
+    "(other columns are ignored), and three rows or more, in any order. --select chooses the rows "
+    "of one curve in a table of several, such as post.csv of an experiment. The curves are "
+    "interpolated by monotone cubics (PCHIP) over ln(size).";
 
-enum { COLUMNS = 2, MOST_POINTS = 100000 };
+enum { COLUMNS = 2, MOST_POINTS = 100000, MOST_CONDITIONS = 16 };
+
+typedef struct bd_values {
+    const char *select, *select_test;
+} bd_values;
+
+static const option bd_options[] = {
+    {.name = "select",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(bd_values, select),
+     .argument = "COLUMN=VALUE[,COLUMN=VALUE...]",
+     .shown = "all rows",
+     .help = "use only the rows that have these values"},
+    {.name = "select-test",
+     .kind = OPTION_TEXT,
+     .offset = offsetof(bd_values, select_test),
+     .argument = "COLUMN=VALUE[,COLUMN=VALUE...]",
+     .shown = "as --select",
+     .help = "use only these rows of TEST; --select is then for ANCHOR"},
+};
+
+// The conditions of --select, and the columns of the table that is read.
+typedef struct selection {
+    const char *text; // as given, or NULL: all rows
+    char *names;      // a copy, with '\0' after each name and value
+    const char *columns[MOST_CONDITIONS], *values[MOST_CONDITIONS];
+    int count;
+} selection;
 
 typedef struct curve {
     sgs_rd_point *points;
@@ -79,6 +107,68 @@ static int column_of(const char *header, const char *name)
     }
 }
 
+// Parses COLUMN=VALUE,... Returns -1 to continue, or an exit status.
+static int selection_parse(const char *option_name, const char *text, selection *rows)
+{
+    *rows = (selection){.text = text, .names = text ? format_text("%s", text) : NULL};
+    for (char *at = rows->names; at;) {
+        char *next = strchr(at, ','), *equal = strchr(at, '=');
+        if (next)
+            *next++ = '\0';
+        if (!equal || equal == at || (next && equal >= next) || rows->count == MOST_CONDITIONS)
+            return fail_usage("--%s: '%s' is not COLUMN=VALUE[,COLUMN=VALUE...] with at most %d "
+                              "columns",
+                              option_name, text, MOST_CONDITIONS);
+        *equal = '\0';
+        rows->columns[rows->count] = at;
+        rows->values[rows->count++] = equal + 1;
+        at = next;
+    }
+    return -1;
+}
+
+// The columns of a table: of size and PSNR, and of the conditions.
+typedef struct table_columns {
+    int values[COLUMNS], conditions[MOST_CONDITIONS];
+    const char *size_name;
+} table_columns;
+
+// False after printing the error if a column is missing.
+static bool find_columns(const char *path, size_t row, const char *header, const selection *rows,
+                         table_columns *found)
+{
+    found->size_name = column_of(header, "size") >= 0 ? "size" : "bytes";
+    found->values[0] = column_of(header, found->size_name);
+    found->values[1] = column_of(header, "psnr");
+    if (found->values[0] < 0 || found->values[1] < 0) {
+        fail_run("%s: line %zu: the header has no column '%s'; the first line must name 'size' or "
+                 "'bytes', and 'psnr'",
+                 path, row, found->values[0] < 0 ? "size" : "psnr");
+        return false;
+    }
+    for (int k = 0; k < rows->count; ++k) {
+        found->conditions[k] = column_of(header, rows->columns[k]);
+        if (found->conditions[k] < 0) {
+            fail_run("%s: line %zu: the header has no column '%s' to select by", path, row,
+                     rows->columns[k]);
+            return false;
+        }
+    }
+    return true;
+}
+
+static bool is_selected(const char *line, const selection *rows, const table_columns *columns)
+{
+    bool is = true;
+    for (int k = 0; k < rows->count && is; ++k) {
+        char *copy = format_text("%s", line);
+        const char *field = field_of(copy, columns->conditions[k]);
+        is = field && !strcmp(field, rows->values[k]);
+        free(copy);
+    }
+    return is;
+}
+
 // The number in a column of a row. False after printing the error.
 static bool number_of(const char *path, size_t row, const char *line, int column, const char *name,
                       double *value)
@@ -94,15 +184,16 @@ static bool number_of(const char *path, size_t row, const char *line, int column
     return valid;
 }
 
-static bool curve_add(const char *path, size_t row, const char *line, const int columns[COLUMNS],
+static bool curve_add(const char *path, size_t row, const char *line, const table_columns *columns,
                       curve *read)
 {
     sgs_rd_point point;
-    if (!number_of(path, row, line, columns[0], "size", &point.size) ||
-        !number_of(path, row, line, columns[1], "psnr", &point.psnr))
+    if (!number_of(path, row, line, columns->values[0], columns->size_name, &point.size) ||
+        !number_of(path, row, line, columns->values[1], "psnr", &point.psnr))
         return false;
     if (!(point.size > 0)) {
-        fail_run("%s: line %zu: size is %g; it must be positive", path, row, point.size);
+        fail_run("%s: line %zu: %s is %g; it must be positive", path, row, columns->size_name,
+                 point.size);
         return false;
     }
     if (read->count == MOST_POINTS) {
@@ -126,9 +217,9 @@ static bool is_blank(const char *line)
 
 #define BYTE_ORDER_MARK "\xef\xbb\xbf" // begins tables that spreadsheets export as UTF-8
 
-static bool read_rows(const char *path, FILE *stream, curve *read)
+static bool read_rows(const char *path, FILE *stream, const selection *rows, curve *read)
 {
-    int columns[COLUMNS] = {-1, -1};
+    table_columns columns = {0};
     char *line = NULL;
     size_t room = 0, row = 0;
     bool valid = true, header = true;
@@ -139,17 +230,12 @@ static bool read_rows(const char *path, FILE *stream, curve *read)
         if (is_blank(line))
             continue;
         if (!header) {
-            valid = curve_add(path, row, line, columns, read);
+            valid =
+                !is_selected(line, rows, &columns) || curve_add(path, row, line, &columns, read);
             continue;
         }
         header = false;
-        columns[0] = column_of(line, "size");
-        columns[1] = column_of(line, "psnr");
-        valid = columns[0] >= 0 && columns[1] >= 0;
-        if (!valid)
-            fail_run("%s: line %zu: the header has no column '%s'; the first line must name "
-                     "'size' and 'psnr'",
-                     path, row, columns[0] < 0 ? "size" : "psnr");
+        valid = find_columns(path, row, line, rows, &columns);
     }
     free(line);
     if (valid && ferror(stream)) {
@@ -159,7 +245,7 @@ static bool read_rows(const char *path, FILE *stream, curve *read)
     return valid;
 }
 
-static bool curve_read(const char *path, curve *read)
+static bool curve_read(const char *path, const selection *rows, curve *read)
 {
     const char *reason = NULL;
     FILE *stream = open_input(path, &reason);
@@ -167,11 +253,11 @@ static bool curve_read(const char *path, curve *read)
         fail_run("%s: %s", path, reason);
         return false;
     }
-    bool valid = read_rows(path, stream, read);
+    bool valid = read_rows(path, stream, rows, read);
     fclose(stream);
     if (valid && read->count < 3) {
-        fail_run("%s: %zu rows; at least 3 points of size and PSNR are required", path,
-                 read->count);
+        fail_run("%s: %zu rows%s%s; at least 3 points of size and PSNR are required", path,
+                 read->count, rows->text ? " with " : "", rows->text ? rows->text : "");
         valid = false;
     }
     return valid;
@@ -205,17 +291,26 @@ static bool print_deltas(const sgs_bd *bd, bool json)
 int command_bd(int argc, char **argv)
 {
     command_call call;
+    bd_values values = {0};
     const command_spec spec = {.name = "bd",
                                .synopsis = "ANCHOR.csv TEST.csv [options]",
                                .description = description,
                                .operand_minimum = 2,
-                               .operand_maximum = 2};
-    const int status = command_begin(&spec, argc, argv, &call);
-    if (status >= 0)
-        return status;
+                               .operand_maximum = 2,
+                               .title = "Tables",
+                               .options = bd_options,
+                               .option_count = sizeof bd_options / sizeof *bd_options,
+                               .values = &values};
+    selection of_anchor = {0}, of_test = {0};
+    int status = command_begin(&spec, argc, argv, &call);
+    if (status < 0)
+        status = selection_parse("select", values.select, &of_anchor);
+    if (status < 0)
+        status = values.select_test ? selection_parse("select-test", values.select_test, &of_test)
+                                    : selection_parse("select", values.select, &of_test);
     curve anchor = {0}, test = {0};
-    bool done =
-        curve_read(call.line.operands[0], &anchor) && curve_read(call.line.operands[1], &test);
+    bool done = status < 0 && curve_read(call.line.operands[0], &of_anchor, &anchor) &&
+                curve_read(call.line.operands[1], &of_test, &test);
     if (done) {
         sgs_bd bd;
         done = !sgs_bd_compute(anchor.points, anchor.count, test.points, test.count, &bd);
@@ -227,7 +322,9 @@ int command_bd(int argc, char **argv)
                           bd.ties);
         done = done && print_deltas(&bd, call.common.json);
     }
+    free(of_anchor.names);
+    free(of_test.names);
     free(anchor.points);
     free(test.points);
-    return done ? EXIT_DONE : EXIT_FAILED;
+    return status >= 0 ? status : done ? EXIT_DONE : EXIT_FAILED;
 }

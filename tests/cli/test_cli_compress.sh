@@ -145,6 +145,10 @@ one_line
 run 1 compress "$model" -o "$temporary/none" --method fcgs
 reports "use fcgs-like"
 one_line
+run 0 compress --help --json
+json "$temporary/stdout" '.options[] | select(.name == "method") | .argument == "lightgaussian|sog|mesongs|ghap|fcgs-like"'
+run 0 compress --help
+check the_help_does_not_offer_it bash -c "! grep -qE 'fcgs([^-]|\$)' '$temporary/stdout'"
 check nothing_is_written test ! -e "$temporary/none"
 run 1 compress "$temporary/nowhere" -o "$temporary/none"
 one_line

@@ -33,7 +33,7 @@ static const command commands[] = {
     {"render", "render views as EXR or PNG", command_render, true},
     {"view", "show a model in the browser", command_view, false},
     {"info", "describe a model or a data set", command_info, false},
-    {"compress", "compress a model with a published method", command_compress, false},
+    {"compress", "compress a model", command_compress, false},
     {"decompress", "decompress a model to PLY or another format", command_decompress, false},
     {"convert", "convert a model to another format, filter and transform it", command_convert,
      false},

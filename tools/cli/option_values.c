@@ -36,6 +36,11 @@ int word_index(const char *words, const char *text, size_t length)
     return -1;
 }
 
+int find_word(const char *words, const char *word)
+{
+    return word ? word_index(words, word, strlen(word)) : -1;
+}
+
 const char *range_text(const option *row, char text[96])
 {
     const int digits = row->kind == OPTION_REAL ? 6 : 17; // integers with all digits
@@ -186,6 +191,18 @@ static bool parse_set(const option *row, const char *argument, unsigned *value)
     return true;
 }
 
+static bool parse_choice(const option *row, const char *argument, int *value)
+{
+    *value = find_word(row->argument, argument);
+    if (*value >= 0)
+        return true;
+    const int unlisted = row->unlisted ? find_word(row->unlisted, argument) : -1;
+    for (char word[LONGEST_WORD + 1]; unlisted >= 0 && word_at(row->argument, *value + 1, word);)
+        ++*value;
+    *value += unlisted + 1;
+    return unlisted >= 0 || fail_word(row, argument);
+}
+
 static bool parse_integers(const option *row, const char *argument, integer_list *list)
 {
     list->count = 0;
@@ -266,8 +283,7 @@ bool parse_value(const option *row, const char *argument, void *values)
             fail_usage("--%s: %s must not be empty", row->name, row->argument);
         return *argument != 0;
     case OPTION_CHOICE:
-        *(int *)value = word_index(row->argument, argument, strlen(argument));
-        return *(int *)value >= 0 || fail_word(row, argument);
+        return parse_choice(row, argument, value);
     case OPTION_SET:
         return parse_set(row, argument, value);
     case OPTION_INTEGERS:
@@ -280,9 +296,4 @@ bool parse_value(const option *row, const char *argument, void *values)
         return parse_color(row, argument, values);
     }
     return false;
-}
-
-int find_word(const char *words, const char *word)
-{
-    return word ? word_index(words, word, strlen(word)) : -1;
 }

@@ -53,6 +53,7 @@ typedef struct option {
     // Range, both ends included, of INTEGER, COUNT, SIZE, REAL, INTEGERS, DURATION, BYTES.
     double low, high;
     const char *argument; // name in the help; the words of CHOICE and SET
+    const char *unlisted; // words of CHOICE after those that the help does not name, or NULL
     const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value
     const char *shown;    // default as shown in the help; NULL = `initial`
     const char *unit;     // or NULL

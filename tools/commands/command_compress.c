@@ -22,18 +22,21 @@
 #include "sparegs/model_file.h"
 
 static const char description[] =
-    "Compresses MODEL (a model file, or a run folder: its latest iteration) with a published "
-    "method. SCENE provides the views for methods that weight primitives by their contribution or "
+    "Compresses MODEL (a model file, or a run folder: its latest iteration) with one of four "
+    "published methods, or fcgs-like. SCENE provides the views for methods that weight primitives "
+    "by their contribution or "
     "that fine-tune the result. `sparegs decompress` writes the PLY file again.\nghap reduces the "
     "number of primitives and stores them as floats. sog sorts them into a square grid and stores "
     "it as images. lightgaussian quantises the SH coefficients with a codebook. mesongs codes "
     "positions as an octree and attributes with RAHT and 8 bits. fcgs-like codes quantised "
     "attributes with probabilities fitted to the model; it has the structure of FCGS without its "
-    "trained network, so its results are not those of FCGS. fcgs itself requires that network and "
-    "is not available.";
+    "trained network, so its results are not those of FCGS.";
 
-// The words of --method, in the order of sgs_compress_method.
-#define METHOD_WORDS "lightgaussian|sog|mesongs|ghap|fcgs|fcgs-like"
+// The words of --method; the last one is unlisted, and refused by the library.
+#define METHOD_WORDS "lightgaussian|sog|mesongs|ghap|fcgs-like"
+static const sgs_compress_method methods[] = {SGS_COMPRESS_LIGHTGAUSSIAN, SGS_COMPRESS_SOG,
+                                              SGS_COMPRESS_MESONGS,       SGS_COMPRESS_GHAP,
+                                              SGS_COMPRESS_FCGS_LIKE,     SGS_COMPRESS_FCGS};
 
 typedef struct compress_values {
     const char *output, *run;
@@ -58,6 +61,7 @@ static const option compress_options[] = {
      .kind = OPTION_CHOICE,
      .offset = offsetof(compress_values, method),
      .argument = METHOD_WORDS,
+     .unlisted = "fcgs",
      .initial = "sog",
      .help = "compression method"},
     {.name = "preset",
@@ -456,6 +460,7 @@ int command_compress(int argc, char **argv)
                                .scene = &data,
                                .drawing = &drawing};
     int status = command_begin(&spec, argc, argv, &call);
+    values.method = methods[values.method];
     if (status < 0)
         status = check_values(&call.line, &values);
     if (status >= 0)

@@ -250,6 +250,15 @@ for name in own link; do
     reports "is an input of this command; choose another file"
 done
 check it_is_as_before cmp "$ply" "$temporary/own.ply"
+own_run=$temporary/own_run/point_cloud/iteration_3
+mkdir -p "$own_run"
+cp "$ply" "$own_run/point_cloud.ply"
+for name in "$temporary/own_run" "$own_run"; do
+    run 2 convert "$name" "$own_run/point_cloud.ply" --filter-opacity 0.5
+    reports "OUT: $own_run/point_cloud.ply is an input of this command; choose another file"
+    one_line
+done
+check the_model_of_the_run_is_as_before cmp "$ply" "$own_run/point_cloud.ply"
 run 1 convert "$temporary/missing.spz" "$temporary/none.ply"
 reports "no such model"
 echo '#usda 1.0' >"$temporary/empty.usda"

@@ -585,6 +585,11 @@ static bool report(const char *path, size_t input, const sgs_model_written *writ
     return print_json(root);
 }
 
+static int refuse_input_at(const char *out)
+{
+    return fail_usage("OUT: %s is an input of this command; choose another file", out);
+}
+
 static int convert(const command_line *line, const convert_plan *plan, scene_values *data,
                    bool json)
 {
@@ -599,7 +604,9 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     sgs_model_written written = {0};
     if (!model_open(line->operands[0], &options, &opened))
         return EXIT_FAILED;
-    const int usage = model_scene_resolve(data, line, &opened.located);
+    const int usage = same_file(out, opened.located.ply_path) // the model in a run folder
+                          ? refuse_input_at(out)
+                          : model_scene_resolve(data, line, &opened.located);
     bool done = usage < 0;
     if (done && line->operand_count == 3) {
         scene = scene_open(line->operands[2], data, false);
@@ -661,7 +668,7 @@ int command_convert(int argc, char **argv)
               "on convert, which reads no photographs");
     const char *out = call.line.operands[1];
     if (same_file(out, call.line.operands[0]))
-        return fail_usage("OUT: %s is an input of this command; choose another file", out);
+        return refuse_input_at(out);
     if (!check_output(out))
         return EXIT_FAILED;
     interrupt_watch();

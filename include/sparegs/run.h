@@ -13,6 +13,9 @@
 extern "C" {
 #endif
 
+// N of the folder name "iteration_N", 1 to 999 999 999; 0 for another name. Cannot fail.
+SGS_API int sgs_run_iteration(const char *name);
+
 // Path of the newest model, FOLDER/point_cloud/iteration_N/point_cloud.ply with the largest N.
 // path [bytes]: written with terminator. *iteration: N; may be NULL. Fails with IO (no folder or no
 // model in it) or LIMIT (path does not fit).

@@ -17,8 +17,7 @@
 
 enum { PATH_MOST = 4096, ITERATIONS_MOST = 1000000000 };
 
-// N of "iteration_N", or 0.
-static int iteration_of(const char *name)
+int sgs_run_iteration(const char *name)
 {
     static const char prefix[] = "iteration_";
     char *end;
@@ -45,7 +44,7 @@ sgs_status sgs_run_model_path(const char *folder, char *path, size_t bytes, int 
     int newest = 0;
     for (struct dirent *entry; directory && (entry = readdir(directory));) {
         char ply[PATH_MOST];
-        const int at = iteration_of(entry->d_name);
+        const int at = sgs_run_iteration(entry->d_name);
         if (at > newest && model_path(folder, at, ply, sizeof ply) && !access(ply, R_OK))
             newest = at;
     }

@@ -23,6 +23,10 @@ check the_scores_are_those_of_the_run cmp "$temporary/stdout" "$temporary/eval.j
 ln -s "$model/point_cloud/iteration_40" "$temporary/linked"
 run 0 eval "$temporary/linked" "$room" --json
 check the_scores_are_those_of_the_run cmp "$temporary/stdout" "$temporary/eval.json"
+cp -r "$model" "$temporary/bare"
+echo '{}' >"$temporary/bare/config.json"
+run 0 info "$temporary/bare/point_cloud/iteration_40"
+reports "warning: $temporary/bare/config.json: contains no options of a run"
 run 0 eval "$model/point_cloud/iteration_40/point_cloud.ply" "$room" --downscale 4 --test-images 0002.jpg,0003.jpg --json
 json "$temporary/stdout" '[.images[].name] == ["0002.jpg", "0003.jpg"]'
 

@@ -83,6 +83,11 @@ static void the_newest_model_is_read_with_its_settings(void **state)
     assert_int_equal(iteration, 1000);
     assert_non_null(strstr(path, "/point_cloud/iteration_1000/point_cloud.ply"));
     assert_int_equal(sgs_run_model_path(run, path, 20, NULL), SGS_STATUS_LIMIT);
+    assert_int_equal(sgs_run_iteration("iteration_7000"), 7000);
+    const char *const others[] = {"iteration_",   "iteration_7x", "iteration_0",
+                                  "iteration_-7", "7000",         "iteration_99999999999"};
+    for (size_t k = 0; k < sizeof others / sizeof *others; ++k)
+        assert_int_equal(sgs_run_iteration(others[k]), 0);
 }
 
 static void invalid_folders_are_named(void **state)

@@ -47,29 +47,23 @@ bool model_is(const char *model)
     return is;
 }
 
-// The run folder OUT of a folder OUT/point_cloud/iteration_N, or NULL. Release with free().
-static char *run_of_iteration(const char *folder)
+// The run folder OUT of a folder OUT/point_cloud/iteration_N, an absolute path, or NULL. Release
+// with free(). *iteration: N, or 0 for another name.
+static char *run_of_iteration(const char *folder, int *iteration)
 {
     static const char middle[] = "/point_cloud";
     char *run = realpath(folder, NULL), *slash = run ? strrchr(run, '/') : NULL;
+    *iteration = slash ? sgs_run_iteration(slash + 1) : 0;
     if (slash)
         *slash = 0;
     const size_t length = run ? strlen(run) : 0, tail = sizeof middle - 1;
-    const bool is = length > tail && !strcmp(run + length - tail, middle);
+    if (length > tail && !strcmp(run + length - tail, middle)) {
+        run[length - tail] = 0;
+        return run;
+    }
+    *iteration = 0;
     free(run);
-    return is ? format_text("%s/../..", folder) : NULL;
-}
-
-// N of a folder iteration_N, 0 for other names.
-static int iteration_of(const char *folder)
-{
-    char *real = realpath(folder, NULL);
-    const char *name = real ? strrchr(real, '/') : NULL;
-    int iteration = 0;
-    if (name && sscanf(name, "/iteration_%d", &iteration) != 1)
-        iteration = 0;
-    free(real);
-    return iteration;
+    return NULL;
 }
 
 // Reads RUN/config.json if it exists. Takes `run`, which may be NULL.
@@ -105,8 +99,7 @@ bool model_locate(const char *model, model_path *located)
     }
     located->ply_path = iteration_model(model);
     if (located->ply_path) {
-        read_run_config(run_of_iteration(model), located);
-        located->iteration = located->run ? iteration_of(model) : 0;
+        read_run_config(run_of_iteration(model, &located->iteration), located);
         return true;
     }
     char path[4096];

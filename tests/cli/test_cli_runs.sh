@@ -308,6 +308,24 @@ status=0
 check status_1 test "$status" = 1
 reports "the run is complete, its result is in $temporary/full/summary.json"
 one_line
+# a_closed_pipe_is_no_error, and a full disk has its reason
+last_command="eval to a closed pipe"
+for format in "" --json; do
+    # shellcheck disable=SC2086 # none or one
+    "$program" eval "$temporary/full" "$scene" --downscale 16 --quiet $format 2>"$temporary/stderr" | head -c 1 >"$temporary/stdout"
+    status=${PIPESTATUS[0]}
+    check status_0 test "$status" = 0
+    check no_message test ! -s "$temporary/stderr"
+done
+last_command="info to /dev/full"
+for format in "" --json; do
+    status=0
+    # shellcheck disable=SC2086 # none or one
+    "$program" info "$scene" $format >/dev/full 2>"$temporary/stderr" || status=$?
+    check status_1 test "$status" = 1
+    reports "standard output: cannot be written: No space left on device"
+    one_line
+done
 
 # save_at_after_the_end
 run 2 train "${data[@]}" -o "$temporary/none" --iterations 20 --save-at 10,99

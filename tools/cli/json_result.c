@@ -12,6 +12,7 @@
 
 #include "cli/json_output.h"
 #include "cli/options.h"
+#include "cli/standard_output.h"
 
 static json_t *result;
 static char error_message[2048];
@@ -99,8 +100,13 @@ bool json_result_print(int status, bool json)
     }
     if (!result)
         return true;
-    const bool printed = !json_dumpf(result, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9)) &&
-                         putchar('\n') == '\n';
+    char *text = json_dumps(result, JSON_INDENT(1) | JSON_REAL_PRECISION(9));
+    const bool printed = text != NULL;
+    if (printed) {
+        stdout_write(text);
+        stdout_write("\n");
+    }
+    free(text);
     json_decref(result);
     result = NULL;
     return printed;

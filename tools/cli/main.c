@@ -17,6 +17,7 @@
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
+#include "cli/standard_output.h"
 #include "sparegs/runtime.h"
 
 typedef struct command {
@@ -182,7 +183,7 @@ static void open_standard_streams(void)
 int main(int argc, char **argv)
 {
     open_standard_streams();
-    setvbuf(stdout, NULL, _IOLBF, 0); // rows appear at once, also in a pipe
+    stdout_buffer();
     group_silence();
     messages_hear_library(true);
     int status = run(argc, argv);

@@ -20,6 +20,7 @@
 
 #include "cli/json_result.h"
 #include "cli/options.h"
+#include "cli/standard_output.h"
 #include "sparegs/runtime.h"
 #include "sparegs/status.h"
 #include "sparegs/option_descriptors.h"
@@ -36,8 +37,10 @@ static struct {
     int measured_iteration;
 } console = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
+// Before a line on stderr.
 static void clear_line(void)
 {
+    stdout_flush(); // keeps the order where both streams go to one file
     if (console.live)
         fputs("\r\033[K", stderr);
     console.live = false;
@@ -277,6 +280,7 @@ static void print_state(const char *numbers, const progress_state *state)
     bar_text(state, width - (int)strlen(numbers) - 3, bar);
     snprintf(line, sizeof line, "%s%s", bar, numbers);
     pthread_mutex_lock(&console.lock);
+    stdout_flush();
     if (terminal)
         fprintf(stderr, "\r%.*s\033[K", width, line);
     else

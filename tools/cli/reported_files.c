@@ -11,6 +11,7 @@
 #include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/standard_output.h"
 
 bool print_json(json_t *root)
 {
@@ -24,6 +25,7 @@ void report_file(const char *path)
 {
     if (!reported) {
         puts(path);
+        stdout_flush();
         return;
     }
     json_array_append_new(json_object_get(reported, "files"), json_text(path));
@@ -85,10 +87,10 @@ void stdout_set_complete(const char *what)
 
 bool stdout_is_whole(void)
 {
-    const int code = fflush(stdout) ? errno : 0;
-    if (!code && !ferror(stdout))
+    const int code = stdout_error();
+    if (!code || code == EPIPE) // the reader has enough
         return true;
-    fail_run("standard output: cannot be written: %s%s%s", code ? strerror(code) : "disk full?",
-             complete ? "; " : "", complete ? complete : "");
+    fail_run("standard output: cannot be written: %s%s%s", strerror(code), complete ? "; " : "",
+             complete ? complete : "");
     return false;
 }

@@ -25,7 +25,8 @@ void reported_files_set(const char *name, json_t *value);
 // Makes `root` the result that is printed to stdout when the command ends (json_result.h). Steals
 // the reference; always true.
 bool print_json(json_t *root);
-// Flushes stdout. False after printing the error if anything could not be written.
+// Flushes stdout. False after printing the error if anything could not be written. It is no error
+// that the reader of a pipe has closed it, as `head` does.
 bool stdout_is_whole(void);
 // Adds to that error which result is complete without stdout.
 void stdout_set_complete(const char *what);

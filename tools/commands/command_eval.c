@@ -18,6 +18,7 @@
 #include "cli/progress.h"
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
+#include "cli/standard_output.h"
 #include "draw/colormap.h"
 #include "draw/photo_guard.h"
 #include "run/evaluate.h"
@@ -123,6 +124,7 @@ static void add_row(const evaluator *evaluation, const sgs_view *view, const vie
         json_array_append_new(list, entry);
     } else {
         print_row(evaluation, view->name, score);
+        stdout_flush();
     }
 }
 

@@ -17,6 +17,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "cli/standard_output.h"
 #include "run/exposure_file.h"
 #include "run/finetune.h"
 #include "run/run_record.h"
@@ -418,6 +419,7 @@ static bool write_model(const pruning *p, int k, const char *path, const sgs_gau
     if (!p->outputs) {
         printf("%s: %zu of %zu primitives, %.2f MiB\n", path, pruned->count, p->model->count,
                (double)info.bytes / 0x1p20);
+        stdout_flush();
         return true;
     }
     json_t *entry = json_object();

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cli/progress.h"
+#include "cli/standard_output.h"
 #include "viewer/view_facts.h"
 
 static json_t *hello(void *context)
@@ -82,7 +83,7 @@ bool view_session_start(view_session *session, const view_session_options *optio
 void view_session_print(const view_session *session)
 {
     printf("%s\n", view_server_url(session->server));
-    fflush(stdout);
+    stdout_flush();
 }
 
 void view_session_stop(view_session *session)

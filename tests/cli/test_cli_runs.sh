@@ -108,6 +108,10 @@ check the_held_out_views test "$(names)" = 'test/r_0.png '
 run 0 render "$nerf_run" "$temporary/nerf" --split test --aov rgba -o "$temporary/nerf_run_views"
 run 0 train "$temporary/nerf" -o "$nerf_run" --iterations 3 --eval --random-points 200 --quiet --resume
 cp -r "$nerf_run" "$temporary/nerf_old"
+# a_recorded_split_causes_no_warning about the scene's own test views, as in merge, where no names are used
+jq 'del(.test_images)' "$nerf_run/config.json" >"$temporary/nerf_old/config.json"
+run 0 eval "$temporary/nerf_old" "$temporary/nerf" --quiet
+check no_option_is_ignored test ! -s "$temporary/stderr"
 run 0 train "$temporary/nerf" -o "$nerf_run" --resume --quiet
 check its_own_test_views_are_used_without_a_warning test ! -s "$temporary/stderr"
 jq 'del(.precise) | .options.images = "images"' "$nerf_run/config.json" >"$temporary/recorded.json" # as recorded before

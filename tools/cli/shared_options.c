@@ -200,6 +200,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
         values->test_every = (int)json_integer_value(config_option(config, "test_every"));
         values->test_images = json_string_value(config_option(config, "test_images"));
         values->held_out = json_object_get(config, "test_images");
+        values->own_split = values->test_every > 0; // may be the record of --eval
     }
     if (!option_given(line, "images"))
         values->images = json_string_value(config_option(config, "images"));

@@ -56,33 +56,33 @@ train: iterations schedule batch pipeline
 train: filter optimizer sh-degree compact-box background max-gaussians init opaque exposure random-points spare ssim-weight ssim-sigma
 train: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 train: white threads isa seed json quiet
-split: output blocks margin share threads isa seed json quiet
+split: output blocks margin share threads isa json quiet
 merge: output seam-images seam-reference overwrite images downscale eval test-every test-images masks invert-masks
-merge: alpha image-cache input-colorspace train-space white threads isa seed json quiet
+merge: alpha image-cache input-colorspace train-space white threads isa json quiet
 eval: split save run lpips filter compact-box background near images downscale eval test-every test-images masks invert-masks
-eval: alpha image-cache input-colorspace train-space white threads isa seed json quiet
+eval: alpha image-cache input-colorspace train-space white threads isa json quiet
 render: output run video view split camera orbit spiral frames size projection deep reference filter
 render: compact-box background near images downscale eval test-every test-images masks invert-masks alpha image-cache
-render: input-colorspace train-space white threads isa seed json quiet
+render: input-colorspace train-space white threads isa json quiet
 view: run port address token export filter compact-box background near images downscale eval test-every test-images masks
-view: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
+view: invert-masks alpha image-cache input-colorspace train-space white threads isa quiet
 info: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
-info: white threads isa seed json quiet
+info: white threads isa json quiet
 compress: output run method preset filter compact-box background near images downscale eval test-every test-images masks
 compress: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
-decompress: output threads isa seed json quiet
+decompress: output threads isa json quiet
 convert: filter-nan filter-box filter-sphere filter-value filter-opacity filter-floaters filter-unseen filter-slack filter-region
 convert: filter-harmonics
 convert: scale rotate translate antialiased input-spz-axes lod spz-version spz-axes ksplat-level sh-palette iterations lod-levels
 convert: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
-convert: white threads isa seed json quiet
-reconstruct: output matcher camera-model cameras colmap threads isa seed json quiet
-explain: top region threads isa seed json quiet
-experiment: output check threads isa seed json quiet
+convert: white threads isa json quiet
+reconstruct: output matcher camera-model cameras colmap threads isa json quiet
+explain: top region json quiet
+experiment: output check json quiet
 prune: output run method scores filter compact-box background near images downscale eval test-every test-images masks
 prune: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
-bd: select select-test threads isa seed json quiet
-report: markdown html pictures maps threads isa seed json quiet
+bd: select select-test json quiet
+report: markdown html pictures maps threads isa json quiet
 bench: list threads isa repeat views seed ranks json csv quiet images downscale eval test-every test-images masks
 bench: invert-masks alpha image-cache input-colorspace train-space white
 profile: output run view split views orbit refits repeat samples trace filter compact-box background near images downscale eval

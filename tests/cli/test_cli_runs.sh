@@ -240,7 +240,7 @@ run 0 eval "$temporary/held" "$temporary/fewer" --split all --json
 # models_of_other_programs_are_not_replaced
 mkdir -p "$temporary/foreign/point_cloud/iteration_30000"
 touch "$temporary/foreign/point_cloud/iteration_30000/point_cloud.ply"
-for option in --quiet --overwrite; do
+for option in --eval --overwrite; do
     run 1 train "${data[@]}" -o "$temporary/foreign" --iterations 3 $option
     one_line
     reports "foreign: contains models, but no config.json: the output of another program"

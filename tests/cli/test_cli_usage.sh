@@ -20,7 +20,7 @@ for command in $commands; do
     run 0 help "$command"
     prints "Usage: sparegs $command"
     case $command in
-    experiment) ;; # its plan sets the threads
+    experiment | bd | explain) ;; # the plan sets the threads; one thread
     bench) prints "--threads A,B,..." ;;
     *) prints "--threads N" ;;
     esac
@@ -39,6 +39,22 @@ for text in iterations schedule images downscale eval test-every test-images pip
     background masks invert-masks alpha ssim-weight ssim-sigma alpha-loss opaque input-colorspace train-space white image-cache exposure save-at checkpoint-every resume init isa seed json quiet; do
     prints "--$text"
 done
+# help_has_the_common_options_that_the_command_reads; the others cause a warning
+run 0 help bd --json
+cp "$temporary/stdout" "$temporary/bd.json"
+json "$temporary/bd.json" '.command == "bd" and [.options[] | select(.group == "Common options") | .name] == ["json", "quiet"]'
+run 0 bd --help --json
+check help_json_is_the_same_both_ways cmp "$temporary/stdout" "$temporary/bd.json"
+run 2 help bd --jsn
+one_line
+reports "unexpected argument '--jsn'; usage: sparegs help [COMMAND] [--json]"
+run 2 help nothing --json
+printf 'size,psnr\n10,20\n20,25\n40,29\n' >"$temporary/curve.csv"
+run 0 bd "$temporary/curve.csv" "$temporary/curve.csv" --threads 4 --isa baseline --seed 3
+for name in threads isa seed; do reports "warning: --$name has no effect on bd"; done
+run 0 info "$room" --seed 3 --threads 1
+reports "warning: --seed has no effect on info"
+check threads_have_an_effect test "$(wc -l <"$temporary/stderr")" = 1
 run 0 --version
 prints "sparegs "
 prints "Embree"
@@ -77,7 +93,8 @@ reports "-x"
 
 # the_last_value_of_an_option_counts_with_a_warning
 run 2 render "$room" --view 0001 --view=0009 --spp 1 --spp 2 --quiet --quiet --spp none
-check a_warning_per_repetition test "$(grep -c 'is given more than once' "$temporary/stderr")" = 3
+check a_warning_per_repetition test "$(grep -c 'is given more than once' "$temporary/stderr")" = 4
+reports "warning: --quiet is given more than once"
 reports "warning: --spp is given more than once; '2' replaces the earlier value"
 reports "warning: --view is given more than once; '0009' replaces the earlier value"
 

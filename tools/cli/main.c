@@ -97,18 +97,18 @@ static int fail_command(const char *name)
                       suggestion(near, "", name, words, count));
 }
 
-static int print_help_of(const char *name)
+static int print_help_of(const char *name, bool json)
 {
-    if (!strcmp(name, "help")) {
+    if (!strcmp(name, "help") && !json) {
         print_commands(stdout);
         return EXIT_DONE;
     }
     const command *found = find_command(name);
     if (!found)
         return fail_command(name);
-    char help[] = "--help";
-    char *arguments[] = {(char *)found->name, help, NULL};
-    return found->run(2, arguments);
+    char help[] = "--help", as_json[] = "--json";
+    char *arguments[] = {(char *)found->name, help, json ? as_json : NULL, NULL};
+    return found->run(json ? 3 : 2, arguments);
 }
 
 // The option tables of all commands.
@@ -138,19 +138,20 @@ static int run(int argc, char **argv)
     }
     const char *name = argv[1];
     const bool helps = !strcmp(name, "help") || !strcmp(name, "--help") || !strcmp(name, "-h");
-    const int takes = !strcmp(name, "--version") ? 2 : helps ? 3 : argc;
+    const bool json = helps && argc > 2 && !strcmp(argv[argc - 1], "--json");
+    const int takes = !strcmp(name, "--version") ? 2 : helps ? 3 + (json && argc > 3) : argc;
     if (argc > takes)
         return fail_usage("unexpected argument '%s'; usage: sparegs %s%s", argv[takes], name,
-                          helps ? " [COMMAND|--json]" : "");
+                          helps ? " [COMMAND] [--json]" : "");
     if (!strcmp(name, "--version")) {
         print_version();
         return EXIT_DONE;
     }
     if (helps) {
-        if (argc > 2 && !strcmp(argv[2], "--json"))
+        if (json && argc == 3)
             return print_option_lists();
         if (argc > 2)
-            return print_help_of(argv[2]);
+            return print_help_of(argv[2], json);
         print_commands(stdout);
         return EXIT_DONE;
     }

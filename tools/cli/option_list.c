@@ -39,8 +39,9 @@ json_t *option_list_json(const command_line *line)
     json_t *root = json_object(), *options = json_array();
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i)
-            json_array_append_new(options,
-                                  option_json(&line->groups[g].options[i], line->groups[g].title));
+            if (option_is_listed(&line->groups[g], &line->groups[g].options[i]))
+                json_array_append_new(
+                    options, option_json(&line->groups[g].options[i], line->groups[g].title));
     set_text(root, "command", line->command);
     set_text(root, "synopsis", line->synopsis);
     set_text(root, "description", line->description);

@@ -91,6 +91,11 @@ static void print_option(const option *row)
     print_wrapped(right, HELP_INDENT);
 }
 
+bool option_is_listed(const option_group *group, const option *row)
+{
+    return !group->unread || find_word(group->unread, row->name) < 0;
+}
+
 static void print_help(const command_line *line)
 {
     printf("Usage: sparegs %s %s\n\n", line->command, line->synopsis);
@@ -98,7 +103,8 @@ static void print_help(const command_line *line)
     for (size_t g = 0; g < line->group_count; ++g) {
         printf("\n%s:\n", line->groups[g].title);
         for (size_t i = 0; i < line->groups[g].count; ++i)
-            print_option(&line->groups[g].options[i]);
+            if (option_is_listed(&line->groups[g], &line->groups[g].options[i]))
+                print_option(&line->groups[g].options[i]);
     }
     puts("  --help                      print this help and exit");
 }
@@ -178,7 +184,9 @@ static int parse_option(command_line *line, int argc, char **argv, int *at)
         value = argv[++*at];
     }
     const uint64_t bit = UINT64_C(1) << (row - group->options);
-    if (group->given & bit && row->kind != OPTION_FLAG)
+    if (group->given & bit && row->kind == OPTION_FLAG)
+        print_warning("--%s is given more than once", row->name);
+    else if (group->given & bit)
         print_warning("--%s is given more than once; '%s' replaces the earlier value", row->name,
                       value);
     group->given |= bit;

@@ -54,9 +54,9 @@ typedef struct option {
     double low, high;
     const char *argument; // name in the help; the words of CHOICE and SET
     const char *unlisted; // words of CHOICE after those that the help does not name, or NULL
-    const char *initial;  // default, parsed as an argument; NULL leaves the struct's own value
-    const char *shown;    // default as shown in the help; NULL = `initial`
-    const char *unit;     // or NULL
+    const char *initial; // default, parsed as an argument; NULL leaves the struct's own value
+    const char *shown;   // default as shown in the help; NULL = `initial`
+    const char *unit;    // or NULL
     // What this option requires to have an effect: "orbit|spiral", one of these options;
     // "format=exr", a CHOICE or SET that has this word, by default too; "format=exr&output", both.
     // NULL = nothing. An option that is given without is a usage error.
@@ -70,8 +70,9 @@ typedef struct option_group {
     const option *options;
     size_t count;
     void *values;
-    uint64_t given;  // bit k: options[k] was on the command line
-    uint64_t filled; // bit k: it was not, and option_fill has set it
+    const char *unread; // "a|b|c": accepted, but not in the help: the command does not read them
+    uint64_t given;     // bit k: options[k] was on the command line
+    uint64_t filled;    // bit k: it was not, and option_fill has set it
 } option_group;
 
 // The command line of one command.
@@ -101,6 +102,9 @@ bool option_fill(const command_line *line, const char *name, const char *text);
 // Rejects an option that has no effect without others (option.needs). Returns -1 to continue, or
 // EXIT_USAGE. For a line with `fills`, where the parser leaves it to the caller.
 int command_line_check_needs(command_line *line);
+
+// True if --help lists the option.
+bool option_is_listed(const option_group *group, const option *row);
 
 // The row of an option; NULL if the command has no such option.
 const option *find_option(const command_line *line, const char *name);

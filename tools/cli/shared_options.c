@@ -42,33 +42,55 @@ static const option common_options[] = {
      .high = 9007199254740991.0,
      .argument = "N",
      .initial = "0",
-     .help = "random seed, used by train, compress, profile and prune --finetune"},
+     .help = "random seed"},
     {.name = "json",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, json),
-     .help = "print the result as one JSON object on stdout; not supported by view"},
+     .help = "print the result as one JSON object on stdout"},
     {.name = "quiet",
      .kind = OPTION_FLAG,
      .offset = offsetof(common_values, quiet),
      .help = "suppress progress and notes"},
 };
 
-option_group common_group(common_values *values)
+// The common options that a command does not read: "a|b|c", or NULL.
+static const char *unread_options(const char *command)
+{
+    static const struct {
+        const char *command, *unread;
+    } rows[] = {{"train", NULL},
+                {"compress", NULL},
+                {"profile", NULL},
+                {"prune", NULL},
+                {"bd", "seed|threads|isa"},
+                {"explain", "seed|threads|isa"},
+                {"experiment", "seed|threads|isa"}, // of the runs
+                {"view", "seed|json"}};
+    for (size_t k = 0; k < sizeof rows / sizeof *rows; ++k)
+        if (!strcmp(rows[k].command, command))
+            return rows[k].unread;
+    return "seed";
+}
+
+option_group common_group(common_values *values, const char *command)
 {
     *values = (common_values){.isa = -1};
     return (option_group){.title = "Common options",
                           .options = common_options,
                           .count = sizeof common_options / sizeof *common_options,
-                          .values = values};
+                          .values = values,
+                          .unread = unread_options(command)};
 }
 
 int common_apply(const common_values *values, const command_line *line)
 {
-    const bool prunes = !strcmp(line->command, "prune");
-    if (prunes ? !option_given(line, "finetune")
-               : find_word("train|compress|profile", line->command) < 0)
-        warn_idle(line, "seed",
-                  prunes ? "without --finetune" : "on this command, which makes no random choice");
+    const char *unread = unread_options(line->command);
+    char *why = format_text("on %s", line->command);
+    if (unread)
+        warn_idle(line, unread, why);
+    free(why);
+    if (!strcmp(line->command, "prune") && !option_given(line, "finetune"))
+        warn_idle(line, "seed", "without --finetune");
     messages_set_quiet(values->quiet);
     sgs_threads_set(values->threads);
     group_check_binding();
@@ -456,7 +478,7 @@ int command_parse(const command_spec *spec, int argc, char **argv, command_call 
         call->groups[count++] = drawing_group(spec->drawing);
     if (spec->scene)
         call->groups[count++] = scene_group(spec->scene);
-    call->groups[count++] = common_group(&call->common);
+    call->groups[count++] = common_group(&call->common, spec->name);
     call->line = (command_line){.command = spec->name,
                                 .synopsis = spec->synopsis,
                                 .description = spec->description,

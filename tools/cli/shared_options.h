@@ -18,8 +18,10 @@ typedef struct common_values {
     bool quiet, json;
 } common_values;
 
-option_group common_group(common_values *values);
-// Sets threads, instruction set and verbosity. Returns -1 to continue, or an exit status.
+// The help has those of them that the command reads.
+option_group common_group(common_values *values, const char *command);
+// Sets threads, instruction set and verbosity. Warns about options that the command does not read.
+// Returns -1 to continue, or an exit status.
 int common_apply(const common_values *values, const command_line *line);
 
 typedef struct scene_values {

@@ -581,7 +581,7 @@ static void describe_line(training *run, option_group groups[GROUP_COUNT], comma
 {
     train_groups(&run->values, groups);
     groups[TRAIN_GROUP_COUNT] = scene_group(&run->data);
-    groups[TRAIN_GROUP_COUNT + 1] = common_group(&run->common);
+    groups[TRAIN_GROUP_COUNT + 1] = common_group(&run->common, "train");
     *line = (command_line){.command = "train",
                            .synopsis = "SCENE -o OUT [options]",
                            .description = description,

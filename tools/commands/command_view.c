@@ -222,7 +222,7 @@ int command_view(int argc, char **argv)
                   "without SCENE");
     else if (values.export)
         warn_idle(&call.line, "alpha|input-colorspace", "with --export");
-    warn_idle(&call.line, "masks|invert-masks|image-cache|json", "on view");
+    warn_idle(&call.line, "masks|invert-masks|image-cache", "on view");
     interrupt_watch();
     return run_view(&call.line, &values, &data, &drawing);
 }

@@ -393,7 +393,7 @@ static const sgs_train_option table[] = {
      .low = -1,
      .high = 0.25,
      .values = "X",
-     .initial_text = "-1 = 0; 0.01 with the noise of mcmc",
+     .initial_text = "-1 = automatic: 0; 0.01 with the noise of mcmc",
      .help = "fraction of the primitives outside the region grid at each end of each axis; 0 = the "
              "grid covers all",
      .group = spare_gs,

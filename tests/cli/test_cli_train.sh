@@ -178,6 +178,19 @@ cp "$temporary/many/point_cloud/iteration_3/point_cloud.ply" "$temporary/many/po
 run 0 train "$room" --downscale 8 -o "$temporary/many" --iterations 3 --resume --save-at 1
 check a_saved_model_is_not_reported bash -c "! grep -q save-at '$temporary/stderr'"
 
+# the_word_auto_is_the_number_that_stands_for_it, and the default
+run 0 train --help
+for text in '[0 to 1, or auto; default: auto: 0.2; ' '[0 to 3, or auto; default: auto: 1.5; ' '[0 to 0.25, or auto; default: auto: 0; ' \
+    'x position learning rate, or auto; default: auto: 500000; '; do
+    check "help_has: $text" grep -qF -- "$text" <(tr -s ' \n' '  ' <"$temporary/stdout")
+done
+automatic() { run 0 train "$room" --downscale 16 -o "$temporary/auto" --overwrite --pipeline mcmc --iterations 2 --quiet "$@"; }
+numbers='.options | [.ssim_weight, .ssim_sigma, .mcmc_noise, .spare_grid_quantile] == [-1, 0, -1, -1]'
+automatic --ssim-weight auto --ssim-sigma auto --mcmc-noise auto --spare-grid-quantile auto
+json "$temporary/auto/config.json" "$numbers"
+automatic --ssim-weight -1 --ssim-sigma 0 --mcmc-noise -1 --spare-grid-quantile -1
+json "$temporary/auto/config.json" "$numbers"
+
 # opaque_photographs: sets background and weight unless given; a run records the option
 run 0 train "$room" --downscale 8 -o "$temporary/opaque" --iterations 150 --opaque --quiet
 json "$temporary/opaque/config.json" '.options | .opaque == true and .background == "random" and .alpha_loss == 0.1'

@@ -44,8 +44,8 @@ int find_word(const char *words, const char *word)
 const char *range_text(const option *row, char text[96])
 {
     const int digits = row->kind == OPTION_REAL ? 6 : 17; // integers with all digits
-    snprintf(text, 96, "%.*g to %.*g%s%s", digits, row->low, digits, row->high,
-             row->unit ? " " : "", row->unit ? row->unit : "");
+    snprintf(text, 96, "%.*g to %.*g%s%s%s", digits, row->low, digits, row->high,
+             row->unit ? " " : "", row->unit ? row->unit : "", row->has_auto ? ", or auto" : "");
     return text;
 }
 
@@ -84,8 +84,11 @@ static bool parse_count(const option *row, const char *argument, uint64_t *value
 static bool parse_real(const option *row, const char *argument, double *value)
 {
     char *end;
-    const double number = strtod(argument, &end);
-    if (end == argument || *end || !(number >= row->low && number <= row->high))
+    const bool is_word = row->has_auto && !strcmp(argument, "auto");
+    const double number = is_word ? row->automatic : strtod(argument, &end);
+    const bool whole = is_word || (end != argument && !*end);
+    const bool automatic = row->has_auto && number == row->automatic;
+    if (!whole || !(automatic || (number >= row->low && number <= row->high)))
         return fail_range(row, argument);
     *value = number;
     return true;

@@ -15,7 +15,7 @@
 #include "sparegs/option_descriptors.h"
 #include "sparegs/runtime.h"
 
-enum { ROWS_MOST = 64, TEXT_MOST = 96 };
+enum { ROWS_MOST = 64, TEXT_MOST = 160 };
 
 // Help of --resume: the options of the library that may change.
 static char resume_help[640];
@@ -179,6 +179,20 @@ static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MO
     return *text ? text : NULL;
 }
 
+// The library's text "-1 = automatic: 0.2, ..." of a default: the option has the word auto.
+static void set_automatic(const sgs_train_option *from, option *row, char text[TEXT_MOST])
+{
+    static const char mark[] = " = automatic: ";
+    const char *at = from->initial_text ? strstr(from->initial_text, mark) : NULL;
+    if (!at)
+        return;
+    row->has_auto = true;
+    row->automatic = from->initial;
+    row->low = row->low < 0 ? 0 : row->low;
+    snprintf(text, TEXT_MOST, "auto: %s", at + sizeof mark - 1);
+    row->shown = text;
+}
+
 static void add_row(const sgs_train_option *from, const sgs_train_options *initial)
 {
     const size_t k = table.count++;
@@ -212,6 +226,7 @@ static void add_row(const sgs_train_option *from, const sgs_train_options *initi
         sgs_train_option_text(from, initial, table.defaults[k], TEXT_MOST);
         row->shown = table.defaults[k];
     }
+    set_automatic(from, row, table.defaults[k]);
     for (size_t i = 0; i < sizeof resolved_defaults / sizeof *resolved_defaults; ++i)
         if (!strcmp(resolved_defaults[i].name, from->name))
             row->shown = resolved_defaults[i].shown;

@@ -135,6 +135,33 @@ done
 reports "--distill has no effect: the SH degree is already 2"
 rm "$temporary/none"
 
+# a_compressed_file_is_a_model: as the file that decompress writes
+run 0 compress "$model" -o "$temporary/packed" --method fcgs-like --quiet
+run 0 decompress "$temporary/packed" -o "$temporary/unpacked.ply" --quiet
+same_result() { # COMMAND ARGUMENT...: of the compressed file and of the PLY file, PACKED in the arguments
+    run 0 "${@//PACKED/$temporary/packed}"
+    cp "$temporary/stdout" "$temporary/of_packed"
+    run 0 "${@//PACKED/$temporary/unpacked.ply}"
+}
+same_result eval PACKED "$room" --downscale 16 --json
+check same_scores cmp <(jq .images "$temporary/of_packed") <(jq .images "$temporary/stdout")
+json "$temporary/of_packed" ".bytes == $(stat -c %s "$temporary/packed")"
+json "$temporary/stdout" ".bytes == $(stat -c %s "$temporary/unpacked.ply") and .gaussians > 0"
+same_result info PACKED --json
+check same_primitives cmp <(jq .model_hash "$temporary/of_packed") <(jq .model_hash "$temporary/stdout")
+json "$temporary/of_packed" '.format == "compressed"'
+run 0 render "$temporary/packed" "$room" --view 0001 --downscale 16 --format png -o "$temporary/picture_a"
+run 0 render "$temporary/unpacked.ply" "$room" --view 0001 --downscale 16 --format png -o "$temporary/picture_b"
+check same_picture cmp "$temporary/picture_a/0001.png" "$temporary/picture_b/0001.png"
+run 0 convert "$temporary/packed" "$temporary/from_packed.ply" --json
+json "$temporary/stdout" '.input_format == "compressed"'
+check same_file cmp "$temporary/from_packed.ply" "$temporary/unpacked.ply"
+run 0 view "$temporary/packed" --export "$temporary/packed.html"
+head -c 1000 "$temporary/packed" >"$temporary/cut"
+run 1 eval "$temporary/cut" "$room" --quiet
+one_line
+reports "cut: "
+
 # mistakes_are_named
 run 2 compress "$model"
 reports "compress requires -o FILE"
@@ -183,9 +210,8 @@ for name in model.sog model.splat model.ksplat model.ply model.ghap; do
         *.ghap) check no_warning bash -c "! grep 'will be a compressed model' '$temporary/stderr'" ;;
         *) reports "$name: will be a compressed model of sparegs, not a .${name#*.} file; to write one, use 'sparegs convert'" ;;
     esac
-    run 1 info "$temporary/$name"
-    reports "$name: is a compressed model; write it as PLY with 'sparegs decompress'"
-    one_line
+    run 0 info "$temporary/$name" --json
+    json "$temporary/stdout" '.format == "compressed"'
 done
 
 finish

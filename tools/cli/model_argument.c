@@ -8,6 +8,7 @@
 
 #include "cli/interrupt.h"
 #include "cli/model_path.h"
+#include "cli/model_reader.h"
 #include "cli/progress.h"
 
 bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened)
@@ -15,7 +16,7 @@ bool model_open(const char *model, const sgs_model_read_options *options, opened
     *opened = (opened_model){0};
     if (!model_locate(model, &opened->located))
         return false;
-    if (sgs_model_read(opened->located.ply_path, options, &opened->gaussians, &opened->info)) {
+    if (model_reader_read(opened->located.ply_path, options, &opened->gaussians, &opened->info)) {
         fail_library();
         model_path_free(&opened->located);
         return false;
@@ -71,11 +72,17 @@ static double near_distance_of(const sgs_gaussians *model)
 bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians)
 {
     sgs_model_info info;
-    if (sgs_model_read(located->ply_path, NULL, gaussians, &info)) {
+    return model_read_info(located, drawing, gaussians, &info);
+}
+
+bool model_read_info(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians,
+                     sgs_model_info *info)
+{
+    if (model_reader_read(located->ply_path, NULL, gaussians, info)) {
         fail_library();
         return false;
     }
-    if (drawing && info.antialiased && !drawing->filter_selected)
+    if (drawing && info->antialiased && !drawing->filter_selected)
         drawing->filter = SGS_FILTER_MIP;
     if (drawing && !drawing->near_selected)
         drawing->near_distance = near_distance_of(*gaussians);
@@ -100,7 +107,7 @@ int model_scene_resolve(scene_values *values, const command_line *line, const mo
         values->own_split || (!located->config && !values->test_every && !values->test_images);
     // An unreadable file is an error of the later reading of the whole model.
     if (config_option(located->config, "train_space") ||
-        sgs_model_read_colors(located->ply_path, &colors))
+        model_reader_colors(located->ply_path, &colors))
         return status;
     if (colors.named && !option_given(line, "train-space"))
         values->space = colors.space;
@@ -113,7 +120,7 @@ void model_warn_space(const model_path *located, sgs_space space)
 {
     static const char *const names[] = {[SGS_SPACE_SRGB] = "srgb", [SGS_SPACE_LINEAR] = "linear"};
     sgs_model_colors colors;
-    if (!sgs_model_read_colors(located->ply_path, &colors) && colors.named && colors.space != space)
+    if (!model_reader_colors(located->ply_path, &colors) && colors.named && colors.space != space)
         print_warning("%s: its colours are %s, those of this training are %s; train with "
                       "--train-space %s",
                       located->ply_path, names[colors.space], names[space], names[colors.space]);

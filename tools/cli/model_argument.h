@@ -23,6 +23,9 @@ void opened_model_free(opened_model *opened);
 // command line or the run's config selects a filter. If neither selects a near limit, it follows
 // from the size of the model. drawing may be NULL. False after printing the error.
 bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians);
+// The same; *info receives what the file records.
+bool model_read_info(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians,
+                     sgs_model_info *info);
 // The same, for commands that need at least one primitive.
 bool model_read_filled(const model_path *located, drawing_values *drawing,
                        sgs_gaussians **gaussians);

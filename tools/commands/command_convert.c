@@ -14,6 +14,7 @@
 #include "cli/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/model_argument.h"
+#include "cli/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
@@ -562,7 +563,7 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
 }
 
 static bool report(const char *path, size_t input, const sgs_model_written *written,
-                   const sgs_model_info *info, bool antialiased, bool json)
+                   const char *input_format, bool antialiased, bool json)
 {
     static const char *const orders[] = {
         [SGS_ROWS_KEPT] = "kept",
@@ -579,7 +580,7 @@ static bool report(const char *path, size_t input, const sgs_model_written *writ
     json_object_set_new(root, "output", json_integer((json_int_t)written->count));
     json_object_set_new(root, "bytes", json_integer((json_int_t)written->bytes));
     json_object_set_new(root, "order", json_string(orders[written->order]));
-    json_object_set_new(root, "input_format", json_string(sgs_model_format_name(info->format)));
+    json_object_set_new(root, "input_format", json_string(input_format));
     json_object_set_new(root, "antialiased", json_boolean(antialiased));
     json_object_set_new(root, "file", json_text(path));
     return print_json(root);
@@ -629,7 +630,7 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     }
     done = done && transform_model(plan, opened.gaussians) && make_folder_of(out) &&
            write_model(plan, out, opened.gaussians, scene, importance, &marks, &written) &&
-           report(out, input, &written, &opened.info,
+           report(out, input, &written, model_reader_format(opened.located.ply_path, &opened.info),
                   marks.antialiased && sgs_model_format_marks_filter(plan->format), json);
     free(importance);
     sgs_scene_destroy(scene);

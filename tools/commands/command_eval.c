@@ -36,6 +36,11 @@ static const char description[] =
     "background default to those of the run. Under mpirun or srun, the views are distributed over "
     "the processes.";
 
+// What --json reports about the model.
+typedef struct model_size {
+    size_t gaussians, bytes;
+} model_size;
+
 typedef struct eval_values {
     int split; // index of the word; mapped to sgs_split below
     const char *save, *lpips, *run;
@@ -187,13 +192,15 @@ static void print_means(const evaluator *evaluation, sgs_split split, const spli
 }
 
 static bool print_scores_json(const evaluator *evaluation, sgs_split split, const split_score *mean,
-                              json_t *list)
+                              const model_size *size, json_t *list)
 {
     const sgs_scene *scene = evaluation->scene;
     static const char *const names[] = {
         [SGS_SPLIT_TEST] = "test", [SGS_SPLIT_TRAIN] = "train", [SGS_SPLIT_ALL] = "all"};
     const size_t held_out = scene_split_count(scene, SGS_SPLIT_TEST);
     json_t *root = json_result_new();
+    json_object_set_new(root, "gaussians", json_integer((json_int_t)size->gaussians));
+    json_object_set_new(root, "bytes", json_integer((json_int_t)size->bytes));
     json_object_set_new(root, "split", json_string(names[split]));
     json_object_set_new(
         root, "training_images",
@@ -213,7 +220,8 @@ static bool print_scores_json(const evaluator *evaluation, sgs_split split, cons
     return print_json(root);
 }
 
-static bool evaluate_all(const evaluator *evaluation, sgs_split split, const char *save, bool json)
+static bool evaluate_all(const evaluator *evaluation, sgs_split split, const char *save,
+                         const model_size *size, bool json)
 {
     json_t *list = json ? json_array() : NULL;
     split_score sum = {0};
@@ -252,7 +260,7 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     }
     split_score_finish(&sum);
     if (json)
-        return print_scores_json(evaluation, split, &sum, list);
+        return print_scores_json(evaluation, split, &sum, size, list);
     print_means(evaluation, split, &sum);
     return true;
 }
@@ -323,16 +331,18 @@ static int evaluate_model(const command_line *line, const model_path *located,
                         "--test-images",
                         scene->path);
     sgs_gaussians *model = NULL;
-    if (!model_read(located, drawing, &model))
+    sgs_model_info info;
+    if (!model_read_info(located, drawing, &model, &info))
         return EXIT_FAILED;
     evaluator evaluation = {0};
+    const model_size size = {model->count, info.file_bytes};
     const split_views views = {scene, split, drawing, exposures, values->lpips};
     bool done = rank_work_agrees(&(rank_work){line, model, describe_views, &views}) &&
                 evaluator_open(&evaluation, model, scene, drawing);
     evaluation.exposures = exposures;
     evaluation.lpips = lpips;
     evaluation.lpips_input = (sgs_lpips_input)values->lpips_input;
-    done = done && evaluate_all(&evaluation, split, values->save, json);
+    done = done && evaluate_all(&evaluation, split, values->save, &size, json);
     evaluator_close(&evaluation);
     sgs_gaussians_destroy(model);
     return done ? interrupt_status() : EXIT_FAILED;

@@ -13,6 +13,7 @@
 #include "cli/commands.h"
 #include "cli/json_output.h"
 #include "cli/model_path.h"
+#include "cli/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
@@ -122,13 +123,14 @@ static bool describe_model(const char *path, json_t *root)
         return false;
     sgs_gaussians *model = NULL;
     sgs_model_info info;
-    bool done = !sgs_model_read(located.ply_path, NULL, &model, &info);
+    bool done = !model_reader_read(located.ply_path, NULL, &model, &info);
     if (!done)
         fail_library();
     json_object_set_new(root, "type", json_string("model"));
     json_object_set_new(root, "file", json_string_nocheck(located.ply_path));
     if (done) {
-        json_object_set_new(root, "format", json_string(sgs_model_format_name(info.format)));
+        json_object_set_new(root, "format",
+                            json_string(model_reader_format(located.ply_path, &info)));
         if (info.version)
             json_object_set_new(root, "version", json_integer(info.version));
         json_object_set_new(root, "antialiased", json_boolean(info.antialiased));

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cli/model_path.h"
+#include "cli/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
@@ -22,7 +23,7 @@ size_t memory_first_count(const sgs_scene *scene, const train_values *values, si
     if (!count && values->init && file_exists(values->init) && model_is(values->init) &&
         model_locate(values->init, &located)) {
         sgs_gaussians *init = NULL;
-        count = sgs_model_read(located.ply_path, NULL, &init, NULL) ? 0 : init->count;
+        count = model_reader_read(located.ply_path, NULL, &init, NULL) ? 0 : init->count;
         sgs_gaussians_destroy(init);
         model_path_free(&located);
     }

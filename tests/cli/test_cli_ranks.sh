@@ -136,6 +136,11 @@ kill -KILL "$(pgrep -P "$mpi" | tail -1)"
 wait "$job" || status=$?
 last_command="kill -KILL of a rank"
 check the_job_ends test "$status" -ne 0
+for ((i = 0; i < 300; ++i)); do # the launcher does not wait for the end of the ranks that it kills
+    pgrep -f "$temporary/killed" >/dev/null || break
+    sleep 0.1
+done
+check no_rank_is_left test "$i" -lt 300
 run 0 train "$room" --downscale 4 --eval --threads 1 --quiet --iterations 100000 --time-limit 4s --resume -o "$temporary/killed"
 check continued test "$(jq .iterations "$temporary/killed/summary.json")" -gt 20
 

@@ -110,6 +110,12 @@ SGS_API const char *sgs_compress_preset_option(sgs_compress_method method);
 SGS_API sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *options,
                                 const char *path, sgs_compress_info *info);
 
+// True if `path` is a regular file that begins as those of sgs_compress. Cannot fail.
+SGS_API bool sgs_is_compressed(const char *path);
+// Describes a file without decoding the primitives; their checksums are verified. Fails with IO,
+// FORMAT, UNSUPPORTED or OUT_OF_MEMORY; *info is then unchanged.
+SGS_API sgs_status sgs_compress_info_read(const char *path, sgs_compress_info *info);
+
 // Decompresses a file; the caller destroys *model. info may be NULL. Fails with IO, FORMAT,
 // UNSUPPORTED (a newer version), LIMIT or OUT_OF_MEMORY; the error names file and place, *model is
 // then NULL.

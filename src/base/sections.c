@@ -129,7 +129,7 @@ static sgs_status read_at(const sgsi_sections *sections, size_t at, void *data, 
     return SGS_STATUS_OK;
 }
 
-static const sgsi_section *look_up(const sgsi_sections *sections, const char *name)
+static sgsi_section *look_up(sgsi_sections *sections, const char *name)
 {
     for (size_t i = 0; i < sections->count; ++i)
         if (!strcmp(sections->table[i].name, name))
@@ -256,10 +256,9 @@ static sgs_status fail_missing(const sgsi_sections *sections, const char *name)
 sgs_status sgsi_sections_find(sgsi_sections *sections, const char *name, const uint8_t **content,
                               size_t *bytes)
 {
-    const sgsi_section *found = look_up(sections, name);
-    if (!found)
+    sgsi_section *section = look_up(sections, name);
+    if (!section)
         return fail_missing(sections, name);
-    sgsi_section *section = &sections->table[found - sections->table];
     section->known = true;
     if (!section->content) {
         uint8_t *block = sgsi_alloc(section->bytes + 1, 1);
@@ -278,14 +277,14 @@ sgs_status sgsi_sections_find(sgsi_sections *sections, const char *name, const u
     return SGS_STATUS_OK;
 }
 
-size_t sgsi_sections_size(const sgsi_sections *sections, const char *name)
+size_t sgsi_sections_size(sgsi_sections *sections, const char *name)
 {
     const sgsi_section *section = look_up(sections, name);
     return section ? section->bytes : 0;
 }
 
-sgs_status sgsi_sections_copy(const sgsi_sections *sections, const char *name, size_t from,
-                              void *data, size_t bytes)
+sgs_status sgsi_sections_copy(sgsi_sections *sections, const char *name, size_t from, void *data,
+                              size_t bytes)
 {
     const sgsi_section *section = look_up(sections, name);
     if (!section)
@@ -323,12 +322,12 @@ void sgsi_sections_begin(sgsi_sections *sections, const char *name, size_t bytes
         write_section_header(sections, name, bytes);
         return;
     }
-    const sgsi_section *section = look_up(sections, name);
+    sgsi_section *section = look_up(sections, name);
     if (!section) {
         sections->status = fail_missing(sections, name);
         return;
     }
-    sections->table[section - sections->table].known = true;
+    section->known = true;
     sections->next = section->at;
     if (section->bytes != bytes)
         sections->status =

@@ -69,10 +69,10 @@ void sgsi_sections_close(sgsi_sections *sections);
 sgs_status sgsi_sections_find(sgsi_sections *sections, const char *name, const uint8_t **content,
                               size_t *bytes);
 // Size of a section; 0 if there is none of this name.
-size_t sgsi_sections_size(const sgsi_sections *sections, const char *name);
+size_t sgsi_sections_size(sgsi_sections *sections, const char *name);
 // Copies bytes [from, from + bytes) of a section. FORMAT if it lacks them, IO.
-sgs_status sgsi_sections_copy(const sgsi_sections *sections, const char *name, size_t from,
-                              void *data, size_t bytes);
+sgs_status sgsi_sections_copy(sgsi_sections *sections, const char *name, size_t from, void *data,
+                              size_t bytes);
 // After the CHECK pass: the status, or FORMAT naming a section that was not requested.
 sgs_status sgsi_sections_checked(sgsi_sections *sections);
 

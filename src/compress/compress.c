@@ -236,7 +236,9 @@ static sgs_status check_decoded(const char *path, sgs_gaussians *model)
     return SGS_STATUS_OK;
 }
 
-static sgs_status decode(sgsi_container *container, sgs_gaussians **model, sgs_compress_info *info)
+// Fills *info, and *method with the one that decodes the file.
+static sgs_status describe(sgsi_container *container, const sgsi_compress_method **method,
+                           sgs_compress_info *info)
 {
     const sgsi_container_header *header = &container->header;
     size_t m = 0;
@@ -249,21 +251,46 @@ static sgs_status decode(sgsi_container *container, sgs_gaussians **model, sgs_c
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: version %u of method '%s' is unknown; this program reads version %u",
                          container->path, header->version, header->method, methods[m]->version);
-    bool antialiased;
-    sgs_model_colors colors;
-    sgs_status status = read_marks(container, &antialiased, &colors);
+    *method = methods[m];
+    *info = (sgs_compress_info){.method = (sgs_compress_method)m,
+                                .input = header->input,
+                                .gaussians = header->count,
+                                .bytes = container->size,
+                                .sh_degree = (int)header->sh_degree};
+    return read_marks(container, &info->antialiased, &info->colors);
+}
+
+static sgs_status decode(sgsi_container *container, sgs_gaussians **model, sgs_compress_info *info)
+{
+    const sgsi_compress_method *method;
+    sgs_compress_info found;
+    sgs_status status = describe(container, &method, &found);
     if (!status)
-        status = methods[m]->decode(container, model);
+        status = method->decode(container, model);
     if (!status)
         status = check_decoded(container->path, *model);
     if (!status && info)
-        *info = (sgs_compress_info){.method = (sgs_compress_method)m,
-                                    .input = header->input,
-                                    .gaussians = header->count,
-                                    .bytes = container->size,
-                                    .sh_degree = (int)header->sh_degree,
-                                    .antialiased = antialiased,
-                                    .colors = colors};
+        *info = found;
+    return status;
+}
+
+bool sgs_is_compressed(const char *path)
+{
+    return sgsi_container_is(path);
+}
+
+sgs_status sgs_compress_info_read(const char *path, sgs_compress_info *info)
+{
+    sgsi_container container;
+    sgs_status status = sgsi_container_open(path, &container);
+    if (status)
+        return status;
+    const sgsi_compress_method *method;
+    sgs_compress_info found;
+    status = describe(&container, &method, &found);
+    sgsi_container_close(&container);
+    if (!status)
+        *info = found;
     return status;
 }
 

@@ -160,6 +160,19 @@ void sgsi_packer_free(sgsi_packer *packer)
 
 // ---- Reading ----
 
+bool sgsi_container_is(const char *path)
+{
+    char bytes[sizeof magic];
+    FILE *stream;
+    size_t size;
+    if (sgsi_file_open(path, &stream, &size))
+        return false;
+    const bool is =
+        fread(bytes, sizeof bytes, 1, stream) == 1 && !memcmp(bytes, magic, sizeof magic);
+    fclose(stream);
+    return is;
+}
+
 static sgs_status read_header(sgsi_container *container)
 {
     const uint8_t *file = container->file;

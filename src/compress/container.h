@@ -61,6 +61,9 @@ typedef struct sgsi_container {
 
 enum { SGSI_ANY_SIZE = -1 };
 
+// Whether a regular file begins as a container.
+bool sgsi_container_is(const char *path);
+
 // Reads a file and verifies header, table of sections and checksums. Fails with IO, FORMAT,
 // UNSUPPORTED or OUT_OF_MEMORY; nothing needs to be closed then. `path` is borrowed.
 sgs_status sgsi_container_open(const char *path, sgsi_container *container);

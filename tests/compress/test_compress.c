@@ -428,6 +428,17 @@ static void marks_are_kept(void **state)
         memset(&info, 0, sizeof info);
         assert_int_equal(sgs_decompress(path, &decoded, &info), SGS_STATUS_OK);
         sgs_gaussians_destroy(decoded);
+        sgs_compress_info described = {0};
+        assert_true(sgs_is_compressed(path));
+        assert_int_equal(sgs_compress_info_read(path, &described), SGS_STATUS_OK);
+        assert_int_equal(described.method, tested[m]);
+        assert_int_equal(described.input, COUNT);
+        assert_int_equal(described.gaussians, info.gaussians);
+        assert_int_equal(described.bytes, info.bytes);
+        assert_int_equal(described.sh_degree, k / TESTED);
+        assert_true(described.antialiased && described.colors.named);
+        assert_int_equal(described.colors.space, SGS_SPACE_LINEAR);
+        assert_true(described.colors.white_point == 4.0);
         assert_true(info.antialiased && info.colors.named);
         assert_int_equal(info.colors.space, SGS_SPACE_LINEAR);
         assert_true(info.colors.white_point == 4.0);
@@ -449,7 +460,11 @@ static void marks_are_kept(void **state)
         sgs_gaussians_destroy(decoded);
         assert_int_equal(status, k < 4 ? SGS_STATUS_FORMAT : SGS_STATUS_OK);
         assert_true(k == 4 || strstr(sgs_last_error(), "section 'marks'"));
+        assert_int_equal(sgs_compress_info_read(path, &info), status);
     }
+    file_put(path, "SGSPACK", 7);
+    assert_false(sgs_is_compressed(path));
+    assert_false(sgs_is_compressed(temp_path(&folder, "missing")));
     free(bytes);
     // The usual model has no such section.
     sgs_compress_options options = options_of(SGS_COMPRESS_GHAP, 3);

@@ -44,6 +44,19 @@ json_t *json_message(const char *text, size_t length)
     return value ? value : json_null();
 }
 
+char *json_joined(const json_t *list, char *(*text_of)(const json_t *value))
+{
+    char *joined = format_text("%s", "");
+    for (size_t k = 0; k < json_array_size(list); ++k) {
+        char *item = text_of(json_array_get(list, k)),
+             *longer = format_text("%s%s%s", joined, k ? "," : "", item ? item : "");
+        free(item);
+        free(joined);
+        joined = longer;
+    }
+    return joined;
+}
+
 json_t *json_number(double value)
 {
     return isfinite(value) ? json_real(value) : json_null();

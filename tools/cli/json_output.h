@@ -15,6 +15,9 @@ void json_set_path(json_t *object, const char *name, const char *format, ...)
 json_t *json_text(const char *text);
 // The first bytes of a message. If it is not UTF-8, '?' replaces the bytes outside of ASCII.
 json_t *json_message(const char *text, size_t length);
+// The texts of the elements of a list, joined by commas. text_of returns memory for free(), or NULL
+// for an empty text. Release with free().
+char *json_joined(const json_t *list, char *(*text_of)(const json_t *value));
 // A number, or null for infinity and NaN.
 json_t *json_number(double value);
 

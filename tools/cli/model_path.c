@@ -8,10 +8,10 @@
 #include <sys/stat.h>
 
 #include "cli/json_file.h"
-#include "cli/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/recorded_options.h"
+#include "sparegs/compress.h"
 #include "sparegs/model_file.h"
 #include "sparegs/run.h"
 
@@ -39,7 +39,7 @@ bool model_is(const char *model)
     if (ply)
         return true;
     // A file that is missing is a model by its name.
-    if (sgs_model_format_detect(model, &format) || model_is_compressed(model) ||
+    if (sgs_model_format_detect(model, &format) || sgs_is_compressed(model) ||
         (!is_folder(model) && sgs_model_format_of_name(model, &format)))
         return true;
     char *clouds = format_text("%s/point_cloud", model);

@@ -3,27 +3,12 @@
 
 #include "cli/model_reader.h"
 
-#include <stdio.h>
-#include <string.h>
-
-#include "cli/input_file.h"
 #include "sparegs/compress.h"
-
-bool model_is_compressed(const char *path)
-{
-    char bytes[8];
-    FILE *stream = open_input(path, NULL);
-    const bool is = stream && fread(bytes, sizeof bytes, 1, stream) == 1 &&
-                    !memcmp(bytes, "SGSPACK1", sizeof bytes);
-    if (stream)
-        fclose(stream);
-    return is;
-}
 
 sgs_status model_reader_read(const char *path, const sgs_model_read_options *options,
                              sgs_gaussians **model, sgs_model_info *info)
 {
-    if ((options && options->lod) || !model_is_compressed(path))
+    if ((options && options->lod) || !sgs_is_compressed(path))
         return sgs_model_read(path, options, model, info);
     sgs_compress_info found;
     const sgs_status status = sgs_decompress(path, model, &found);
@@ -38,17 +23,15 @@ sgs_status model_reader_read(const char *path, const sgs_model_read_options *opt
 
 sgs_status model_reader_colors(const char *path, sgs_model_colors *colors)
 {
-    if (!model_is_compressed(path))
+    if (!sgs_is_compressed(path))
         return sgs_model_read_colors(path, colors);
-    sgs_gaussians *model = NULL;
     sgs_compress_info found = {0};
-    const sgs_status status = sgs_decompress(path, &model, &found);
-    sgs_gaussians_destroy(model);
-    *colors = status ? (sgs_model_colors){0} : found.colors;
+    const sgs_status status = sgs_compress_info_read(path, &found);
+    *colors = found.colors;
     return status;
 }
 
 const char *model_reader_format(const char *path, const sgs_model_info *info)
 {
-    return model_is_compressed(path) ? "compressed" : sgs_model_format_name(info->format);
+    return sgs_is_compressed(path) ? "compressed" : sgs_model_format_name(info->format);
 }

@@ -4,16 +4,12 @@
 
 // Reads a model of any format of the library, and the compressed files of `sparegs compress`.
 
-#include <stdbool.h>
-
 #include "sparegs/model_file.h"
 
-// True for a file of `sparegs compress`. Cannot fail.
-bool model_is_compressed(const char *path);
 // As sgs_model_read; the format of a compressed file is reported as PLY, as which it is decoded.
 sgs_status model_reader_read(const char *path, const sgs_model_read_options *options,
                              sgs_gaussians **model, sgs_model_info *info);
-// As sgs_model_read_colors. A compressed file is decoded whole.
+// As sgs_model_read_colors.
 sgs_status model_reader_colors(const char *path, sgs_model_colors *colors);
 // The name of the format: that of the library, or "compressed".
 const char *model_reader_format(const char *path, const sgs_model_info *info);

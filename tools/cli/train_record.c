@@ -206,15 +206,7 @@ static char *option_text(const json_t *value)
         char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(9));
         return text ? text : format_text("?");
     }
-    char *list = format_text("%s", json_array_size(value) ? "" : "off");
-    for (size_t i = 0; i < json_array_size(value); ++i) {
-        char *word = option_text(json_array_get(value, i));
-        char *longer = format_text("%s%s%s", list, i ? "," : "", word);
-        free(word);
-        free(list);
-        list = longer;
-    }
-    return list;
+    return json_array_size(value) ? json_joined(value, option_text) : format_text("off");
 }
 
 bool train_config_agrees(const char *config_path, const json_t *stored, const json_t *now,

@@ -43,65 +43,53 @@ static double value_of(const json_t *run, const char *scene, const char *pipelin
     return other ? NAN : metric_of(run, metric);
 }
 
-// Mean over seeds, and over scenes if `scene` is NULL. NaN if there is no such run.
+// Mean over the runs with this seed (NULL: any), over scenes if `scene` is NULL, and their number.
+// NaN if there is no such run.
+static double mean_of_seed(const json_t *runs, const json_t *seed, const char *scene,
+                           const char *pipeline, const char *variant, const char *metric,
+                           int *count)
+{
+    double sum = 0;
+    *count = 0;
+    for (size_t k = 0; k < json_array_size(runs); ++k) {
+        const json_t *run = json_array_get(runs, k);
+        const double value = value_of(run, scene, pipeline, variant, metric);
+        if (isnan(value) || (seed && !json_equal(seed, json_object_get(run, "seed"))))
+            continue;
+        sum += value;
+        ++*count;
+    }
+    return *count ? sum / *count : NAN;
+}
+
 static double mean(const json_t *runs, const char *scene, const char *pipeline, const char *variant,
                    const char *metric)
 {
-    double sum = 0, count = 0;
-    for (size_t k = 0; k < json_array_size(runs); ++k) {
-        const double value = value_of(json_array_get(runs, k), scene, pipeline, variant, metric);
-        if (isnan(value))
-            continue;
-        sum += value;
-        ++count;
-    }
-    return count > 0 ? sum / count : NAN;
-}
-
-// Sum of the metric over the runs of run `k`'s seed, and their number. Number 0 if an earlier run
-// has this seed, or if run `k` does not count.
-static double seed_sum(const json_t *runs, size_t k, const char *scene, const char *pipeline,
-                       const char *variant, const char *metric, int *number)
-{
-    const json_t *seed = json_object_get(json_array_get(runs, k), "seed");
-    double sum = 0;
-    *number = 0;
-    if (isnan(value_of(json_array_get(runs, k), scene, pipeline, variant, metric)))
-        return 0;
-    for (size_t j = 0; j < json_array_size(runs); ++j) {
-        const json_t *run = json_array_get(runs, j);
-        const double value = value_of(run, scene, pipeline, variant, metric);
-        if (isnan(value) || !json_equal(seed, json_object_get(run, "seed")))
-            continue;
-        if (j < k) {
-            *number = 0;
-            return 0;
-        }
-        sum += value;
-        ++*number;
-    }
-    return sum;
+    int count;
+    return mean_of_seed(runs, NULL, scene, pipeline, variant, metric, &count);
 }
 
 // Standard deviation (n - 1) over the n seeds of their means, and n. NaN with one seed, or if the
 // seeds have different numbers of scenes.
-static double deviation(const json_t *runs, const char *scene, const char *pipeline,
-                        const char *variant, const char *metric, int *seeds)
+static double deviation(const json_t *plan, const json_t *runs, const char *scene,
+                        const char *pipeline, const char *variant, const char *metric, int *seeds)
 {
+    const json_t *list = json_object_get(plan, "seeds");
     double center = 0, squares = 0;
     int scenes = 0;
     bool equal = true;
     *seeds = 0;
-    for (size_t k = 0; k < json_array_size(runs); ++k) {
+    for (size_t k = 0; k < json_array_size(list); ++k) {
         int number;
-        const double sum = seed_sum(runs, k, scene, pipeline, variant, metric, &number);
+        const double value =
+            mean_of_seed(runs, json_array_get(list, k), scene, pipeline, variant, metric, &number);
         if (!number)
             continue;
         equal = equal && (!scenes || number == scenes);
         scenes = number;
-        const double difference = sum / number - center;
+        const double difference = value - center;
         center += difference / ++*seeds;
-        squares += difference * (sum / number - center);
+        squares += difference * (value - center);
     }
     return *seeds > 1 && equal ? sqrt(squares / (*seeds - 1)) : NAN;
 }
@@ -164,7 +152,7 @@ typedef struct pair {
     int base_seeds, our_seeds;
 } pair;
 
-static pair pair_of(const json_t *runs, const char *scene, const char *pipeline)
+static pair pair_of(const json_t *plan, const json_t *runs, const char *scene, const char *pipeline)
 {
     pair values;
     for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
@@ -172,8 +160,9 @@ static pair pair_of(const json_t *runs, const char *scene, const char *pipeline)
         values.base[k] = mean(runs, scene, pipeline, "off", metric);
         values.ours[k] = mean(runs, scene, pipeline, "on", metric);
         values.base_deviation[k] =
-            deviation(runs, scene, pipeline, "off", metric, &values.base_seeds);
-        values.our_deviation[k] = deviation(runs, scene, pipeline, "on", metric, &values.our_seeds);
+            deviation(plan, runs, scene, pipeline, "off", metric, &values.base_seeds);
+        values.our_deviation[k] =
+            deviation(plan, runs, scene, pipeline, "on", metric, &values.our_seeds);
     }
     return values;
 }
@@ -233,7 +222,8 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
     const json_t *scenes = json_object_get(json_object_get(results, "plan"), "scenes"),
                  *runs = json_object_get(results, "runs");
     const int shown = shown_metrics(runs);
-    const bool seeds = has_seeds(json_object_get(results, "plan"));
+    const json_t *plan = json_object_get(results, "plan");
+    const bool seeds = has_seeds(plan);
     pair means = {0};
     double count = 0, changes[METRICS];
     for (size_t s = 0; s < json_array_size(scenes); ++s) {
@@ -241,7 +231,7 @@ static void put_scenes(json_t *table, const json_t *results, const char *pipelin
         const char *name = json_member_text(scene, "name");
         if (data_set && strcmp(data_set, json_member_text(scene, "data_set")))
             continue;
-        const pair values = pair_of(runs, name, pipeline);
+        const pair values = pair_of(plan, runs, name, pipeline);
         put_pair(table, pipeline, name, seeds, shown, &values);
         if (isnan(values.base[1]) || isnan(values.ours[1]))
             continue;
@@ -390,7 +380,7 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         int count = 0;
         for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
             value[k] = mean(runs, NULL, pipeline, variant, metrics[k]);
-            spread[k] = deviation(runs, NULL, pipeline, variant, metrics[k], &count);
+            spread[k] = deviation(plan, runs, NULL, pipeline, variant, metrics[k], &count);
         }
         if (isnan(value[1]))
             continue;

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -43,16 +44,5 @@ char *plan_value_text(const json_t *value)
         return format_text("%lld", (long long)json_integer_value(value));
     if (json_is_real(value))
         return format_text("%.9g", json_real_value(value));
-    if (json_is_array(value)) {
-        char *joined = format_text("%s", "");
-        for (size_t k = 0; k < json_array_size(value); ++k) {
-            char *item = plan_value_text(json_array_get(value, k)),
-                 *longer = format_text("%s%s%s", joined, k ? "," : "", item ? item : "");
-            free(item);
-            free(joined);
-            joined = longer;
-        }
-        return joined;
-    }
-    return NULL;
+    return json_is_array(value) ? json_joined(value, plan_value_text) : NULL;
 }

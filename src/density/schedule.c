@@ -33,15 +33,15 @@
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
 //   reduction fades out towards N = 2000 and N = 30 000.
-// - Large photographs, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 1.05 times the
+// - Large photographs, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 0.8 times the
 //   threshold and less weight of gradients close to the camera (Pixel-GS, its constant). With 3dgs,
 //   absolute gradients count at twice the threshold (AbsGS), because signed ones cancel where a
 //   texture is finer than the primitives; the others have their own rule for them. In the loss,
 //   SSIM has a weight of 0.4 instead of 0.2 and a window with a standard deviation of 1 pixel
-//   instead of 1.5, which sharpens the image. Opacity has at least 1.5 times the rate of 3DGS:
+//   instead of 1.5, which sharpens the image. Opacity has at least twice the rate of 3DGS:
 //   fewer primitives per ray, which saves time. More primitives then fade between two updates, so
-//   there are 15 updates, and each prunes less. The rates decay to a half instead of a tenth. The
-//   first quarter of the run has images of half the size, which saves time, too. Below these
+//   there are 15 updates, and each prunes less. The rates decay to a half instead of a tenth. In
+//   the first 0.3 N iterations, images have half the size, which saves time, too. Below these
 //   limits, settings are interpolated over the logarithm of the pixels from 130 000 and linearly
 //   over the views from 15. They fade out towards N = 30 000.
 //
@@ -81,17 +81,17 @@ enum {
 #define LARGE_PIXELS 3.2e5
 #define FINE_VIEWS_FROM 15.0
 #define FINE_VIEWS 60.0
-#define LARGE_THRESHOLD 1.05
+#define LARGE_THRESHOLD 0.8
 #define LARGE_UPDATES 15.0
 #define LARGE_ABS_SHARE 0.5
 #define LARGE_NEAR_DEPTH 0.37 // gamma of Pixel-GS
-#define LARGE_HALF_SIZE 0.25  // share of the run
+#define LARGE_HALF_SIZE 0.3   // share of the run
 #define SSIM_WEIGHT 0.2
 #define LARGE_SSIM_WEIGHT 0.4
 #define SSIM_SIGMA 1.5 // pixels
 #define LARGE_SSIM_SIGMA 1.0
 #define LARGE_LATE_RATE 0.5
-#define LARGE_OPACITY_RATE 1.5 // at least, times that of 3DGS
+#define LARGE_OPACITY_RATE 2.0 // at least, times that of 3DGS
 #define LATE_REMOVAL 0.05
 
 static int rounded(double value, int least)

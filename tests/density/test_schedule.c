@@ -508,13 +508,13 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
         threshold = schedule.threshold_factor;
         share = schedule.abs_share;
         assert_true(pixels > 1.3e5 || (fabs(threshold - 1.7) < 1e-12 && share == 0.0));
-        assert_true(pixels < 3.2e5 || (fabs(threshold - 1.05) < 1e-12 && share == 0.5));
+        assert_true(pixels < 3.2e5 || (fabs(threshold - 0.8) < 1e-12 && share == 0.5));
         assert_true(fabs(schedule.near_depth - 0.74 * share) < 1e-12);
         assert_true(fabs(schedule.ssim_weight - 0.2 - 0.4 * share) < 1e-12);
         assert_true(fabs(schedule.ssim_sigma - 1.5 + share) < 1e-12);
-        assert_true(fabs(schedule.lr_opacity - pow(2.25, share)) < 1e-12);
+        assert_true(fabs(schedule.lr_opacity - pow(4.0, share)) < 1e-12);
         assert_true(fabs(schedule.lr_late - 0.1 * pow(25.0, share)) < 1e-12);
-        const double half = 0.5 * 7000 * share;
+        const double half = 0.6 * 7000 * share;
         assert_true(half < 117 ? schedule.half_size_until == 0
                                : fabs(schedule.half_size_until - half) < 0.51);
     }
@@ -526,7 +526,7 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
         few = schedule.threshold_factor;
         assert_true((schedule.abs_share == 0.0) == (views <= 15));
         assert_true((schedule.abs_share == 0.5) == (views >= 60));
-        assert_true(fabs(log(few / 1.7) / log(1.05 / 1.7) - 2 * schedule.abs_share) < 1e-9);
+        assert_true(fabs(log(few / 1.7) / log(0.8 / 1.7) - 2 * schedule.abs_share) < 1e-9);
     }
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
         for (int k = 0; k < 3; ++k) {
@@ -543,7 +543,7 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
             // The others have their own rule for absolute gradients; mip has twice 3DGS's rate of
             // opacity anyway.
             assert_true((large.abs_share == 0.5) == (!same && vanilla) && small.abs_share == 0.0);
-            assert_true(large.lr_opacity == (same || mip ? 1.0 : 1.5) && small.lr_opacity == 1.0);
+            assert_true(large.lr_opacity == (same || mip ? 1.0 : 2.0) && small.lr_opacity == 1.0);
             assert_true((large.near_depth == 0.0) == same && small.near_depth == 0.0);
             assert_true((large.ssim_weight == 0.2) == same && small.ssim_weight == 0.2);
             assert_true((large.ssim_sigma == 1.5) == same && small.ssim_sigma == 1.5);

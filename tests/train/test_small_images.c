@@ -18,9 +18,9 @@
 #include "train/small_images.h"
 #include "train/trainer_state.h"
 
-// With 60 photographs a quarter of the run has half the size; the scene has 35, 20 of 45 above the
-// least number, 15.
-enum { ITERATIONS = 18, HALF = ITERATIONS * 20 / (4 * 45) };
+// With 60 photographs 0.3 of the run has half the size; the scene has 35, 20 of 45 above the least
+// number, 15.
+enum { ITERATIONS = 15, HALF = ITERATIONS * 3 * 20 / (10 * 45) };
 
 static sgs_scene *scene;
 

@@ -473,11 +473,51 @@ run 1 render "$model" --camera "$temporary/named.json" --view picture.png -o "$t
 one_line
 reports "named.json: no view named 'picture.png'; its $(jq length "$temporary/named.json") views begin with 'left/IMG_1.jpg'"
 
-for ending in chan usda; do
-    run 1 render "$model" --camera "$temporary/some/cameras.$ending" --size 20x15 -o "$temporary/none"
+run 1 render "$model" --camera "$temporary/some/cameras.usda" --size 20x15 -o "$temporary/none"
+one_line
+reports "cameras.usda: cameras are read from cameras.json, .chan, the camera path of nerfstudio and a COLMAP model"
+
+# chan_cameras_are_read (all angles differ from 0; frame numbers become names)
+jq 'map(del(.camera_model, .params, .cx, .cy) | .fy = .fx)' "$model/cameras.json" >"$temporary/hand_held.json"
+run 0 render "$model" --camera "$temporary/hand_held.json" --first-frame 1001 --size 60x40 --aov rgba --save-cameras chan -o "$temporary/hand_held"
+run 0 render "$model" --camera "$temporary/hand_held/cameras.chan" --size 60x40 --aov rgba --save-cameras json,chan -o "$temporary/from_chan"
+check chan_round_trip cmp "$temporary/hand_held/cameras.chan" "$temporary/from_chan/cameras.chan"
+check chan_names test "$(jq -r '.[1].img_name' "$temporary/from_chan/cameras.json")" = frame_01002
+second=$(jq -r '.[1].img_name' "$temporary/hand_held.json")
+check chan_picture oiiotool --fail 1e-3 "$temporary/hand_held/${second%.*}.exr" "$temporary/from_chan/frame_01002.exr" --diff
+# one angle at a time: the camera looks along -z; yaw turns it to -x, pitch up, roll turns its x axis up
+printf '# Nuke\n\n7 1 2 3 0 0 0 90\r\n9 0 0 0 0 90 0 60\n10\t0 0 0 30 0 0 60\n11 0 0 0 0 0 30 60\n' >"$temporary/angles.chan"
+run 0 render "$model" --camera "$temporary/angles.chan" --size 64x48 --aov rgba --save-cameras json -o "$temporary/angles"
+json "$temporary/angles/cameras.json" 'def near(x): . as $l | [range(length) | ($l[.] - x[.]) | fabs < 1e-6] | all;
+    def look: [.rotation[][2]]; def right: [.rotation[][0]];
+    (map(.img_name) == ["frame_00007", "frame_00009", "frame_00010", "frame_00011"]) and
+    (.[0].position | near([1, 2, 3])) and (.[0] | look | near([0, 0, -1])) and ([.[0].fx, .[0].fy] | near([24, 24])) and
+    (.[1] | look | near([-1, 0, 0])) and (.[2] | look | near([0, 0.5, -0.8660254])) and
+    (.[3] | right | near([0.8660254, 0.5, 0]))'
+run 0 render "$model" --camera "$temporary/angles.chan" --size 64x48 --view frame_00009 --aov rgba -o "$temporary/one_angle"
+check one_frame_of_a_chan test "$(pictures "$temporary/one_angle" exr)" = 'frame_00009.exr '
+run 1 render "$model" --camera "$temporary/angles.chan" --aov rgba -o "$temporary/none"
+one_line
+reports "angles.chan: a .chan file has no image size; give it with --size"
+run 1 render "$model" --camera "$temporary/from_chan/cameras.chan" --save-cameras chan --size 20x15 -o "$temporary/from_chan"
+one_line
+reports "from_chan/cameras.chan: is the input of --camera and would be replaced"
+while IFS='|' read -r text problem; do
+    printf "$text" >"$temporary/bad.chan"
+    run 1 render "$model" --camera "$temporary/bad.chan" --size 64x48 -o "$temporary/none"
     one_line
-    reports "cameras.$ending: cameras are read from cameras.json, from the camera path of nerfstudio and from a COLMAP model"
-done
+    reports "bad.chan: $problem"
+done <<'END'
+|contains no cameras
+# only a comment\n|contains no cameras
+1 0 0 0 0 0 0 50\n2 0 0 0 0 0 0\n|line 2: has no field of view
+1 0 0 0 0 0 0 50 9\n|line 1: must be eight numbers
+1 0 0 0 0 nan 0 50\n|line 1: must be eight numbers
+1 0 0 0 0 0x 0 50\n|line 1: must be eight numbers
+1.5 0 0 0 0 0 0 50\n|line 1: must begin with a frame number
+1 0 0 0 0 0 0 179\n|line 1: must end with a field of view between 0 and 179 degrees
+%0600d\n|line 1: is too long
+END
 
 # cameras_without_a_size (NeRF synthetic: a horizontal angle only; here 2 atan(1/2))
 jq '{camera_angle_x: 0.9272952180016122, frames: [.frames[] | {file_path: "./train/r_0", transform_matrix}]}' \

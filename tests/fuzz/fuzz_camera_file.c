@@ -1,13 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json as read by `render --camera` (tools/cameras/camera_file.c, linked with the error
-// functions below instead of the program's). Checks that errors name the file and accepted cameras
-// are valid with finite poses.
+// cameras.json, or with FUZZ_CHAN a .chan file, as read by `render --camera` (tools/cameras, linked
+// with the error functions below instead of the program's). Checks that errors name the file and
+// accepted cameras are valid with finite poses.
 
 #include <stdarg.h>
 
 #include "cameras/camera_file.h"
+#include "cameras/chan_file.h"
 #include "fuzz_support.h"
 
 static char message[2048];
@@ -34,11 +35,20 @@ char *format_text(const char *format, ...)
     return text;
 }
 
+static bool read_list(const char *path, camera_list *list)
+{
+#ifdef FUZZ_CHAN
+    return chan_file_read(path, 0, 64, 48, list);
+#else
+    return camera_file_read(path, 0, list);
+#endif
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     const char *path = fuzz_file("input", data, size);
     camera_list list;
-    if (!camera_file_read(path, 0, &list)) {
+    if (!read_list(path, &list)) {
         FUZZ_REQUIRE(strstr(message, path) && !list.cameras && !list.count);
         return 0;
     }

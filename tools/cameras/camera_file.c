@@ -245,9 +245,9 @@ bool camera_file_read(const char *path, int first, camera_list *list)
 {
     *list = (camera_list){.first = first};
     const char *ending = strrchr(path, '.');
-    if (ending && (!strcasecmp(ending, ".usda") || !strcasecmp(ending, ".chan"))) {
-        fail_run("%s: cameras are read from cameras.json, from the camera path of nerfstudio and "
-                 "from a COLMAP model, not from %s",
+    if (ending && !strcasecmp(ending, ".usda")) {
+        fail_run("%s: cameras are read from cameras.json, .chan, the camera path of nerfstudio and "
+                 "a COLMAP model, not from %s",
                  path, ending);
         return false;
     }

@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 
 #include "cameras/camera_path.h"
+#include "cameras/chan_file.h"
 #include "cli/file_stems.h"
 #include "cli/options.h"
 #include "cli/output.h"
@@ -131,6 +132,7 @@ static bool name_files(camera_list *list)
 
 static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
+    list->first = choice->first_frame;
     const sgs_split split = choice->split_given || scene_split_count(scene, choice->split)
                                 ? choice->split
                                 : SGS_SPLIT_ALL;
@@ -184,8 +186,11 @@ static bool file_cameras(const camera_choice *choice, camera_list *list)
     if ((!stat(choice->file, &status) && S_ISDIR(status.st_mode)) ||
         camera_file_is_scene(choice->file))
         return data_set_cameras(choice, list);
-    return camera_file_read(choice->file, choice->first_frame, list) && name_files(list) &&
-           keep_view(choice->file, choice->view, list);
+    const int first = choice->first_frame;
+    return (chan_file_is(choice->file)
+                ? chan_file_read(choice->file, first, choice->width, choice->height, list)
+                : camera_file_read(choice->file, first, list)) &&
+           name_files(list) && keep_view(choice->file, choice->view, list);
 }
 
 static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
@@ -231,7 +236,6 @@ bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_
         camera_list_free(list);
         return false;
     }
-    list->first = choice->first_frame;
     for (size_t i = 0; i < list->count; ++i)
         reshape(choice, &list->cameras[i].camera);
     return true;

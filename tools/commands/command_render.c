@@ -93,9 +93,9 @@ static const option render_options[] = {
      .offset = AT(camera),
      .argument = "FILE",
      .shown = "none",
-     .help = "use the cameras of this cameras.json, transforms.json, nerfstudio camera path or "
-             "COLMAP model folder instead of a SCENE; photos are not required; --size sets "
-             "the size of views without one"},
+     .help = "use the cameras of this cameras.json, .chan file, transforms.json, nerfstudio camera "
+             "path or COLMAP model folder instead of a SCENE; photos are not required; --size "
+             "sets the size of views without one"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),
@@ -508,21 +508,29 @@ static bool spares_inputs(const render_values *values, const sgs_scene *scene,
     bool spares = true;
     for (size_t i = 0; values->output && i < cameras->count && spares; ++i)
         spares = photo_guard_admits(scene, values->output, cameras->cameras[i].stem);
-    if (!spares || !values->output || !(camera_formats(values) & CAMERAS_JSON))
+    if (!spares || !values->output)
         return spares;
+    const unsigned formats = camera_formats(values);
     char *json = format_text("%s/cameras.json", values->output),
+         *chan = format_text("%s/cameras.chan", values->output),
          *config = format_text("%s/config.json", values->output);
-    const bool is_run = file_exists(config),
-               is_input = values->camera && same_file(json, values->camera);
+    const bool is_run = formats & CAMERAS_JSON && file_exists(config);
+    const char *input = NULL;
+    if (values->camera && formats & CAMERAS_JSON && same_file(json, values->camera))
+        input = json;
+    if (values->camera && formats & CAMERAS_CHAN && same_file(chan, values->camera))
+        input = chan;
     if (is_run)
         fail_run("%s: is the folder of a run, whose cameras.json would be replaced; choose another "
                  "folder with -o",
                  values->output);
-    else if (is_input)
-        fail_run("%s: is the input of --camera and would be replaced; choose another folder", json);
+    else if (input)
+        fail_run("%s: is the input of --camera and would be replaced; choose another folder",
+                 input);
     free(json);
+    free(chan);
     free(config);
-    return !is_run && !is_input;
+    return !is_run && !input;
 }
 
 // Exports all cameras, then reduces them to those of `range` and renders these.

@@ -35,6 +35,7 @@
 #include <math.h>
 
 #include "base/core.h"
+#include "base/threads.h"
 
 static const float vote_min = 6.0f, opacity_final = 0.1f, pruning_final = 0.9f;
 
@@ -84,27 +85,54 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     return status;
 }
 
+typedef struct mark_job {
+    const sgsi_scored_image *image;
+    float *weights, limit; // limit INFINITY: no pixel is marked
+} mark_job;
+
+static void mark_pixels(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const mark_job *job = context;
+    for (size_t y = begin; y < end; ++y)
+        for (size_t x = 0; x < (size_t)job->image->width; ++x) {
+            const size_t at = y * job->image->stride + x;
+            job->weights[at] = job->image->error[at] > job->limit ? 1.0f : 0.0f;
+        }
+}
+
 static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_options *train,
                                 float *weights)
 {
-    const float range = image->error_max - image->error_min;
-    const float limit = image->error_min + (float)train->pipeline_options.fastgs_loss * range;
-    for (int y = 0; y < image->height; ++y)
-        for (int x = 0; x < image->width; ++x) {
-            const size_t at = (size_t)y * image->stride + (size_t)x;
-            weights[at] = range > 0.0f && image->error[at] > limit ? 1.0f : 0.0f;
-        }
+    const float range = image->error_max - image->error_min,
+                limit = image->error_min + (float)train->pipeline_options.fastgs_loss * range;
+    mark_job job = {image, weights, range > 0.0f ? limit : INFINITY};
+    sgsi_parallel_ranges((size_t)image->height, 8, mark_pixels, &job);
     return SGS_STATUS_OK;
+}
+
+typedef struct vote_job {
+    const sgsi_scored_view *view;
+    float *importance, *prune_score;
+} vote_job;
+
+static void add_votes(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const vote_job *job = context;
+    const sgsi_scored_view *view = job->view;
+    for (size_t i = begin; i < end; ++i) {
+        const float votes =
+            view->touched[i / SGS_LANES] ? view->sums[16 * i + SGSI_SCORE_WEIGHT] : 0.0f;
+        job->importance[i] += votes;
+        job->prune_score[i] += (float)view->loss * votes;
+    }
 }
 
 static void score_view(const sgsi_scored_view *view, float *importance, float *prune_score)
 {
-    for (size_t i = 0; i < view->count; ++i) {
-        const float votes =
-            view->touched[i / SGS_LANES] ? view->sums[16 * i + SGSI_SCORE_WEIGHT] : 0.0f;
-        importance[i] += votes;
-        prune_score[i] += (float)view->loss * votes;
-    }
+    vote_job job = {view, importance, prune_score};
+    sgsi_parallel_ranges(view->count, 4096, add_votes, &job);
 }
 
 static void finish_scores(size_t count, int views, float *importance, float *prune_score)

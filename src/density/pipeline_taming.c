@@ -27,6 +27,8 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/threads.h"
+#include "density/plane_range.h"
 
 enum { PRUNED_UPDATES = 27 };
 
@@ -156,27 +158,48 @@ static int edge(const sgsi_scored_image *image, int x, int y)
     return sum < 0 ? 0 : sum > 255 ? 255 : sum;
 }
 
+typedef struct weight_job {
+    const sgsi_scored_image *image;
+    float *weights;
+    sgsi_plane_range edges;
+    float edge_scale, error_scale;
+} weight_job;
+
+static void fill_edges(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const weight_job *job = context;
+    for (size_t y = begin; y < end; ++y)
+        for (int x = 0; x < job->image->width; ++x)
+            job->weights[y * job->image->stride + (size_t)x] = (float)edge(job->image, x, (int)y);
+}
+
+static void add_errors(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const weight_job *job = context;
+    const sgsi_scored_image *image = job->image;
+    for (size_t y = begin; y < end; ++y)
+        for (size_t x = 0; x < (size_t)image->width; ++x) {
+            const size_t at = y * image->stride + x;
+            job->weights[at] = (job->weights[at] - job->edges.least) * job->edge_scale +
+                               (image->error[at] - image->error_min) * job->error_scale;
+        }
+}
+
 static sgs_status pixel_weights(const sgsi_scored_image *image, const sgs_train_options *train,
                                 float *weights)
 {
     (void)train;
-    float least = INFINITY, most = -INFINITY;
-    for (int y = 0; y < image->height; ++y)
-        for (int x = 0; x < image->width; ++x) {
-            float *at = weights + (size_t)y * image->stride + (size_t)x;
-            *at = (float)edge(image, x, y);
-            least = fminf(least, *at);
-            most = fmaxf(most, *at);
-        }
-    const float edge_scale = most > least ? 50.0f / (most - least) : 0.0f;
-    const float range = image->error_max - image->error_min,
-                error_scale = range > 0.0f ? 50.0f / range : 0.0f;
-    for (int y = 0; y < image->height; ++y)
-        for (int x = 0; x < image->width; ++x) {
-            const size_t at = (size_t)y * image->stride + (size_t)x;
-            weights[at] = (weights[at] - least) * edge_scale +
-                          (image->error[at] - image->error_min) * error_scale;
-        }
+    const size_t rows = (size_t)image->height;
+    weight_job job = {.image = image, .weights = weights};
+    sgsi_parallel_ranges(rows, 8, fill_edges, &job);
+    job.edges = sgsi_plane_range_find(weights, image->width, image->height, image->stride);
+    const float edge_range = job.edges.most - job.edges.least,
+                error_range = image->error_max - image->error_min;
+    job.edge_scale = edge_range > 0.0f ? 50.0f / edge_range : 0.0f;
+    job.error_scale = error_range > 0.0f ? 50.0f / error_range : 0.0f;
+    sgsi_parallel_ranges(rows, 8, add_errors, &job);
     return SGS_STATUS_OK;
 }
 
@@ -213,42 +236,74 @@ float sgsi_positive_median(const float *values, size_t stride, const uint8_t *pr
     return median;
 }
 
-static double normalised(double weight, float value, float median)
+// A property of the primitives, weighted in units of its median.
+typedef struct property {
+    const float *values;
+    size_t stride;
+    const uint8_t *present; // as of sgsi_positive_median
+    double weight;
+    float median;
+} property;
+
+enum { OWN = 5, PROPERTIES = 9 }; // from OWN on: sums over pixels
+
+typedef struct importance_job {
+    const sgsi_scored_view *view;
+    property properties[PROPERTIES];
+    float *importance;
+} importance_job;
+
+static void find_median(void *context, size_t k, int thread)
 {
-    return value > 0.0f && median > 0.0f ? weight * (double)value / (double)median : 0.0;
+    (void)thread;
+    importance_job *job = context;
+    property *p = &job->properties[k];
+    p->median = sgsi_positive_median(p->values, p->stride, p->present, job->view->count);
+}
+
+static double normalised(const property *p, size_t i)
+{
+    const float value = p->values[p->stride * i];
+    return value > 0.0f && p->median > 0.0f ? p->weight * (double)value / (double)p->median : 0.0;
+}
+
+static void add_importance(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const importance_job *job = context;
+    const sgsi_scored_view *view = job->view;
+    for (size_t i = begin; i < end; ++i) {
+        if (!(view->radius[i] > 0.0f))
+            continue;
+        const int count = view->touched[i / SGS_LANES] ? PROPERTIES : OWN;
+        double score = 0.0;
+        for (int k = 0; k < count; ++k)
+            score += normalised(&job->properties[k], i);
+        job->importance[i] += (float)(50.0 * view->loss * score);
+    }
+}
+
+static property sum_property(const sgsi_scored_view *view, int slot, double weight)
+{
+    return (property){view->sums + slot, 16, view->touched, weight, 0.0f};
 }
 
 static void score_view(const sgsi_scored_view *view, float *importance, float *prune_score)
 {
     (void)prune_score;
-    const size_t n = view->count;
-    const struct {
-        const float *values;
-        double weight;
-    } columns[] = {{view->gradient, 25},
-                   {view->opacity, 100},
-                   {view->depth, 5},
-                   {view->radius, 10},
-                   {view->volume, 25}};
-    static const double weights[] = {[SGSI_SCORE_WEIGHT] = 10,
-                                     [SGSI_SCORE_HITS] = 0.1,
-                                     [SGSI_SCORE_BLEND] = 50,
-                                     [SGSI_SCORE_DISTANCE] = 50};
-    float medians[5], sum_medians[4];
-    for (int k = 0; k < 5; ++k)
-        medians[k] = sgsi_positive_median(columns[k].values, 1, NULL, n);
-    for (int k = 0; k < 4; ++k)
-        sum_medians[k] = sgsi_positive_median(view->sums + k, 16, view->touched, n);
-    for (size_t i = 0; i < n; ++i) {
-        if (!(view->radius[i] > 0.0f))
-            continue;
-        double score = 0.0;
-        for (int k = 0; k < 5; ++k)
-            score += normalised(columns[k].weight, columns[k].values[i], medians[k]);
-        for (int k = 0; k < 4 && view->touched[i / SGS_LANES]; ++k)
-            score += normalised(weights[k], view->sums[16 * i + (size_t)k], sum_medians[k]);
-        importance[i] += (float)(50.0 * view->loss * score);
-    }
+    importance_job job = {.view = view,
+                          .importance = importance,
+                          .properties = {{view->gradient, 1, NULL, 25, 0.0f},
+                                         {view->opacity, 1, NULL, 100, 0.0f},
+                                         {view->depth, 1, NULL, 5, 0.0f},
+                                         {view->radius, 1, NULL, 10, 0.0f},
+                                         {view->volume, 1, NULL, 25, 0.0f},
+                                         sum_property(view, SGSI_SCORE_WEIGHT, 10),
+                                         sum_property(view, SGSI_SCORE_HITS, 0.1),
+                                         sum_property(view, SGSI_SCORE_BLEND, 50),
+                                         sum_property(view, SGSI_SCORE_DISTANCE, 50)}};
+    sgsi_parallel_for(PROPERTIES, 1, find_median, &job);
+    sgsi_parallel_ranges(view->count, 4096, add_importance, &job);
 }
 
 static sgsi_late_opacity late_opacity(const sgs_train_options *train)

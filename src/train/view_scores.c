@@ -10,6 +10,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "cluster/row_streams.h"
+#include "density/plane_range.h"
 #include "image/mask.h"
 #include "image/photo.h"
 #include "sparegs/image.h"
@@ -140,47 +141,63 @@ static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgsi_train_vie
     return scores->bytes;
 }
 
+typedef struct error_job {
+    sgsi_loss_input drawn;
+    float *error;
+} error_job;
+
+static void fill_error(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const error_job *job = context;
+    const sgsi_loss_input *drawn = &job->drawn;
+    const sgs_photo *target = drawn->target;
+    const size_t width = (size_t)drawn->width;
+    const float most = target->is_hdr ? INFINITY : 1.0f;
+    for (size_t y = begin; y < end; ++y)
+        for (size_t x = 0; x < width; ++x) {
+            const size_t at = y * drawn->stride + x;
+            float sum = 0.0f;
+            for (int c = 0; c < 3; ++c) {
+                const float value =
+                    drawn->color[c][at] + drawn->transmittance[at] * drawn->background[c];
+                const float photo =
+                    sgsi_photo_over(target, (size_t)c, y * width + x, drawn->background);
+                sum += fabsf(fminf(fmaxf(value, 0.0f), most) - photo);
+            }
+            job->error[at] = sgs_mask_is_valid(target->valid_mask, target->width, (int)x, (int)y)
+                                 ? sum / 3.0f
+                                 : 0.0f;
+        }
+}
+
 // The mean over channels of |image - photograph|, both in [0, 1], or >= 0 for an HDR photograph.
 // The image has the exposure of the photograph.
 static sgsi_scored_image error_image(const sgsi_train_views *views, const sgsi_train_view *view,
                                      const uint8_t *bytes, float *error)
 {
     const sgsi_planes *planes = &view->planes;
-    const sgs_photo *target = view->target;
-    sgsi_loss_input drawn = {
-        .width = planes->width,
-        .height = planes->height,
-        .stride = planes->stride,
-        .color = {planes->color[0], planes->color[1], planes->color[2]},
-        .transmittance = planes->transmittance,
-        .target = target,
-        .background = {view->background[0], view->background[1], view->background[2]}};
+    error_job job = {
+        .drawn = {.width = planes->width,
+                  .height = planes->height,
+                  .stride = planes->stride,
+                  .color = {planes->color[0], planes->color[1], planes->color[2]},
+                  .transmittance = planes->transmittance,
+                  .target = view->target,
+                  .background = {view->background[0], view->background[1], view->background[2]}},
+        .error = error};
     if (views->exposure)
-        sgsi_exposure_forward(views->exposure, view->index, &drawn);
-    sgsi_scored_image image = {.width = planes->width,
+        sgsi_exposure_forward(views->exposure, view->index, &job.drawn);
+    sgsi_parallel_ranges((size_t)planes->height, 8, fill_error, &job);
+    const sgsi_plane_range range =
+        sgsi_plane_range_find(error, planes->width, planes->height, planes->stride);
+    return (sgsi_scored_image){.width = planes->width,
                                .height = planes->height,
                                .stride = planes->stride,
                                .error = error,
-                               .error_min = INFINITY,
-                               .error_max = -INFINITY,
+                               .error_min = range.least,
+                               .error_max = range.most,
                                .pixels = bytes};
-    for (int y = 0; y < image.height; ++y)
-        for (int x = 0; x < image.width; ++x) {
-            const size_t at = (size_t)y * image.stride + (size_t)x,
-                         from = (size_t)y * (size_t)image.width + (size_t)x;
-            float sum = 0.0f;
-            for (int c = 0; c < 3; ++c) {
-                const float value =
-                    drawn.color[c][at] + drawn.transmittance[at] * view->background[c];
-                const float photo = sgsi_photo_over(target, (size_t)c, from, view->background);
-                sum += fabsf(fminf(fmaxf(value, 0.0f), target->is_hdr ? INFINITY : 1.0f) - photo);
-            }
-            error[at] =
-                sgs_mask_is_valid(target->valid_mask, target->width, x, y) ? sum / 3.0f : 0.0f;
-            image.error_min = fminf(image.error_min, error[at]);
-            image.error_max = fmaxf(image.error_max, error[at]);
-        }
-    return image;
 }
 
 // Weights of the pixels for the sums; 0 for invalid pixels.

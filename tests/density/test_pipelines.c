@@ -16,6 +16,7 @@
 
 #include "density/density.h"
 #include "density/pipeline.h"
+#include "density/plane_range.h"
 #include "spare/spare.h"
 #include "reference/reference.h"
 #include "support/density_support.h"
@@ -239,6 +240,31 @@ static void median_is_the_lower_middle_of_the_positive_values(void **state)
         qsort(positive, count, sizeof *positive, by_value);
         assert_true(sgsi_positive_median(values, 1, NULL, n) ==
                     (count ? positive[(count - 1) / 2] : 0.0f));
+    }
+}
+
+static void range_counts_every_row_of_the_plane_and_no_padding(void **state)
+{
+    (void)state;
+    enum { WIDTH = 5, STRIDE = 8, ROWS = 1025 };
+    static const int heights[] = {1, 8, 255, 256, 257, 1024, ROWS};
+    static float plane[ROWS * STRIDE];
+    for (size_t h = 0; h < sizeof heights / sizeof *heights; ++h) {
+        const size_t rows = (size_t)heights[h];
+        for (size_t at = 0; at < rows * STRIDE; ++at)
+            plane[at] = at % STRIDE < WIDTH ? (float)sgsi_random_uniform(h, at) : 9.0f;
+        for (size_t k = 0; k < 7; ++k) {
+            const size_t low = k * (rows - 1) / 6, high = rows - 1 - low;
+            float *const least = &plane[low * STRIDE], *const most = &plane[high * STRIDE + 4];
+            const float before = *least, behind = *most;
+            *least = -1.0f - (float)k;
+            *most = 2.0f + (float)k;
+            plane[1] = NAN;
+            const sgsi_plane_range range = sgsi_plane_range_find(plane, WIDTH, heights[h], STRIDE);
+            assert_true(range.least == -1.0f - (float)k && range.most == 2.0f + (float)k);
+            *least = before;
+            *most = behind;
+        }
     }
 }
 
@@ -625,6 +651,7 @@ int main(void)
         cmocka_unit_test(absolute_gradients_match_the_oracle_pixel_by_pixel),
         cmocka_unit_test(gradients_close_to_the_camera_count_less),
         cmocka_unit_test(median_is_the_lower_middle_of_the_positive_values),
+        cmocka_unit_test(range_counts_every_row_of_the_plane_and_no_padding),
         cmocka_unit_test(best_rows_are_those_that_sorting_finds),
         cmocka_unit_test(weighted_draws_follow_their_weights),
         cmocka_unit_test(taming_grows_along_its_parabola),

@@ -22,6 +22,24 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 
+void camera_pose(const double rotation[9], const double position[3], sgs_pose *pose)
+{
+    for (int i = 0; i < 3; ++i) {
+        pose->translation[i] = 0;
+        for (int j = 0; j < 3; ++j) {
+            pose->rotation[3 * i + j] = rotation[3 * j + i];
+            pose->translation[i] -= rotation[3 * j + i] * position[j];
+        }
+    }
+}
+
+sgs_camera camera_pinhole(int width, int height, double fov)
+{
+    const double focal = 0.5 * height / tan(fov * 3.141592653589793 / 360);
+    return (sgs_camera){
+        SGS_CAMERA_PINHOLE, width, height, {focal, focal, 0.5 * width, 0.5 * height}};
+}
+
 static bool read_number(const json_t *value, double *number)
 {
     *number = json_number_value(value);
@@ -104,13 +122,7 @@ static const char *read_camera(const json_t *entry, named_camera *camera)
     const char *problem = read_lens(entry, &camera->camera);
     if (problem)
         return problem;
-    for (int i = 0; i < 3; ++i) {
-        camera->pose.translation[i] = 0;
-        for (int j = 0; j < 3; ++j) {
-            camera->pose.rotation[3 * i + j] = rotation[3 * j + i];
-            camera->pose.translation[i] -= rotation[3 * j + i] * position[j];
-        }
-    }
+    camera_pose(rotation, position, &camera->pose);
     return sgs_camera_validate(&camera->camera) ? sgs_last_error() : NULL;
 }
 
@@ -156,11 +168,9 @@ static const char *path_lens(const char *type, int width, int height, double fov
         return "camera_type must be perspective, fisheye or equirectangular";
     if (!(fov > 0 && fov < 179))
         return "fov must be an angle between 0 and 179 degrees";
-    const double focal = 0.5 * height / tan(fov * 3.141592653589793 / 360);
-    *camera = (sgs_camera){fisheye ? SGS_CAMERA_OPENCV_FISHEYE : SGS_CAMERA_PINHOLE,
-                           width,
-                           height,
-                           {focal, focal, 0.5 * width, 0.5 * height}};
+    *camera = camera_pinhole(width, height, fov);
+    if (fisheye)
+        camera->model = SGS_CAMERA_OPENCV_FISHEYE;
     return NULL;
 }
 
@@ -177,15 +187,10 @@ static const char *path_pose(const json_t *matrix, sgs_pose *pose)
             rotation[3 * i + j] = m[4 * i + j] / scale * (j ? -1 : 1);
     if (!(scale > 0) || !is_rotation(rotation))
         return "camera_to_world is not a rotation and a translation";
-    for (int i = 0; i < 3; ++i) {
-        pose->translation[i] = 0;
-        for (int j = 0; j < 3; ++j) {
-            pose->rotation[3 * i + j] = rotation[3 * j + i];
-            pose->translation[i] -= rotation[3 * j + i] * m[4 * j + 3];
-        }
+    camera_pose(rotation, (double[]){m[3], m[7], m[11]}, pose);
+    for (int i = 0; i < 3; ++i)
         if (!isfinite(pose->translation[i]))
             return "camera_to_world is out of range";
-    }
     return NULL;
 }
 

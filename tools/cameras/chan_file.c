@@ -46,26 +46,22 @@ static void read_pose(const double columns[COLUMNS], sgs_pose *pose)
 {
     const double degree = acos(-1) / 180, x = columns[ANGLES] * degree,
                  y = columns[ANGLES + 1] * degree, z = columns[ANGLES + 2] * degree;
-    // Columns of R_y R_x R_z.
-    const double right[3] = {cos(y) * cos(z) + sin(y) * sin(x) * sin(z), cos(x) * sin(z),
-                             -sin(y) * cos(z) + cos(y) * sin(x) * sin(z)},
-                 up[3] = {-cos(y) * sin(z) + sin(y) * sin(x) * cos(z), cos(x) * cos(z),
-                          sin(y) * sin(z) + cos(y) * sin(x) * cos(z)},
-                 back[3] = {sin(y) * cos(x), -sin(x), cos(y) * cos(x)};
-    for (int k = 0; k < 3; ++k) {
-        pose->rotation[k] = right[k];
-        pose->rotation[3 + k] = -up[k];
-        pose->rotation[6 + k] = -back[k];
-    }
-    for (int row = 0; row < 3; ++row) {
-        pose->translation[row] = 0;
-        for (int k = 0; k < 3; ++k)
-            pose->translation[row] -= pose->rotation[3 * row + k] * columns[POSITION + k];
-    }
+    // R_y R_x R_z, with the signs of camera y and z changed.
+    const double rotation[9] = {cos(y) * cos(z) + sin(y) * sin(x) * sin(z),
+                                cos(y) * sin(z) - sin(y) * sin(x) * cos(z),
+                                -sin(y) * cos(x),
+                                cos(x) * sin(z),
+                                -cos(x) * cos(z),
+                                sin(x),
+                                -sin(y) * cos(z) + cos(y) * sin(x) * sin(z),
+                                -sin(y) * sin(z) - cos(y) * sin(x) * cos(z),
+                                -cos(y) * cos(x)};
+    camera_pose(rotation, columns + POSITION, pose);
 }
 
 // Returns NULL, or a description of the error.
-static const char *read_camera(const char *line, int width, int height, named_camera *camera)
+static const char *read_camera(const char *line, int width, int height, named_camera *camera,
+                               int *frame)
 {
     double columns[COLUMNS];
     const int count = read_columns(line, columns);
@@ -77,16 +73,15 @@ static const char *read_camera(const char *line, int width, int height, named_ca
         return "must begin with a frame number from 0 to 1000000";
     if (!(columns[FIELD_OF_VIEW] > 0 && columns[FIELD_OF_VIEW] < 179))
         return "must end with a field of view between 0 and 179 degrees";
-    const double focal = 0.5 * height / tan(columns[FIELD_OF_VIEW] * acos(-1) / 360);
-    camera->camera =
-        (sgs_camera){SGS_CAMERA_PINHOLE, width, height, {focal, focal, 0.5 * width, 0.5 * height}};
+    camera->camera = camera_pinhole(width, height, columns[FIELD_OF_VIEW]);
     read_pose(columns, &camera->pose);
     const double *t = camera->pose.translation;
     if (!(isfinite(t[0]) && isfinite(t[1]) && isfinite(t[2])))
         return "has a translation that is out of range";
     if (sgs_camera_validate(&camera->camera))
         return sgs_last_error();
-    camera->name = format_text("frame_%05d", (int)columns[FRAME]);
+    *frame = (int)columns[FRAME];
+    camera->name = format_text("frame_%05d", *frame);
     return NULL;
 }
 
@@ -115,9 +110,10 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
         if (!*text || *text == '#')
             continue;
         named_camera camera = {0};
+        int frame = 0;
         const char *problem = strlen(line) == sizeof line - 1
                                   ? "is too long for a line of eight numbers"
-                                  : read_camera(text, width, height, &camera);
+                                  : read_camera(text, width, height, &camera, &frame);
         if (!problem && !grow(list, &capacity)) {
             named_camera_free(&camera);
             problem = "no memory for the camera";
@@ -126,6 +122,7 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
             fail_run("%s: line %zu: %s", path, number, problem);
             done = false;
         } else {
+            list->first = list->count ? list->first : frame;
             list->cameras[list->count++] = camera;
         }
     }
@@ -158,7 +155,6 @@ bool chan_file_read(const char *path, int first, int width, int height, camera_l
         camera_list_free(list);
         return false;
     }
-    const char *digits = strchr(list->cameras->name, '_') + 1;
-    list->first = first ? first : (int)strtol(digits, NULL, 10);
+    list->first = first ? first : list->first;
     return true;
 }

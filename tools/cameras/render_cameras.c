@@ -183,13 +183,13 @@ static bool data_set_cameras(const camera_choice *choice, camera_list *list)
 static bool file_cameras(const camera_choice *choice, camera_list *list)
 {
     struct stat status;
-    if ((!stat(choice->file, &status) && S_ISDIR(status.st_mode)) ||
-        camera_file_is_scene(choice->file))
+    const bool is_folder = !stat(choice->file, &status) && S_ISDIR(status.st_mode),
+               is_chan = !is_folder && chan_file_is(choice->file);
+    if (is_folder || (!is_chan && camera_file_is_scene(choice->file)))
         return data_set_cameras(choice, list);
     const int first = choice->first_frame;
-    return (chan_file_is(choice->file)
-                ? chan_file_read(choice->file, first, choice->width, choice->height, list)
-                : camera_file_read(choice->file, first, list)) &&
+    return (is_chan ? chan_file_read(choice->file, first, choice->width, choice->height, list)
+                    : camera_file_read(choice->file, first, list)) &&
            name_files(list) && keep_view(choice->file, choice->view, list);
 }
 

@@ -7,7 +7,7 @@
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-tests=(-j 3) # most tests use one or two threads; some wait
+tests=(-j $(($(nproc) + 2))) # most tests use one or two threads; some wait
 setup=()
 if [ "${1:-}" = --long ]; then
     tests=(-C long)

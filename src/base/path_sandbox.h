@@ -10,15 +10,15 @@
 
 #include "sparegs/status.h"
 
-enum { SGSI_ROOTS = 12 };
-
-// Real paths of the folders, NULL-padded.
+// Real paths of the folders. Zero-initialise.
 typedef struct sgsi_roots {
-    char *path[SGSI_ROOTS];
+    char **path;
+    size_t count;
 } sgsi_roots;
 
-// Adds a folder. Ignores NULL, a missing folder and folders beyond SGSI_ROOTS.
-void sgsi_roots_add(sgsi_roots *roots, const char *folder);
+// Adds a folder. Ignores NULL, a missing folder, and folders below one of the others. Fails with
+// OUT_OF_MEMORY.
+sgs_status sgsi_roots_add(sgsi_roots *roots, const char *folder);
 void sgsi_roots_free(sgsi_roots *roots);
 
 // Fails with FORMAT if `path` exists and resolves to a file outside of all folders; the error names

@@ -95,8 +95,10 @@ sgs_status sgsi_dataset_add_roots(const sgsi_dataset *dataset, const char *image
         if (!folder)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its folders",
                              image_folder);
-        sgsi_roots_add(roots, folder);
+        const sgs_status status = sgsi_roots_add(roots, folder);
         sgsi_free(folder);
+        if (status)
+            return status;
     }
     return SGS_STATUS_OK;
 }

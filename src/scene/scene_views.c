@@ -72,9 +72,7 @@ static sgs_status find_masks(sgsi_scene_loader *l)
     static const char *const usual[] = {"masks", "mask"};
     for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
         char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
-        if (!place)
-            status = sgsi_scene_no_memory(l->scene->path);
-        sgsi_roots_add(&l->roots, place);
+        status = place ? sgsi_roots_add(&l->roots, place) : sgsi_scene_no_memory(l->scene->path);
         l->mask_folder = l->mask_folder || (place && sgsi_is_folder(place));
         sgsi_free(place);
     }
@@ -105,10 +103,10 @@ sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
     if (status)
         return status;
     l->top_folder = l->files.colmap ? 0 : sgsi_dataset_top_folder(&l->dataset);
-    sgsi_roots_add(&l->roots, scene->path);
-    sgsi_roots_add(&l->roots, l->files.image_folder);
-    sgsi_roots_add(&l->roots, chosen);
-    if (!l->files.colmap)
+    const char *const folders[] = {scene->path, l->files.image_folder, chosen};
+    for (size_t k = 0; k < sizeof folders / sizeof *folders && !status; ++k)
+        status = sgsi_roots_add(&l->roots, folders[k]);
+    if (!l->files.colmap && !status)
         status = sgsi_dataset_add_roots(&l->dataset, l->files.image_folder, &l->roots);
     for (size_t i = 0; i < count && !status; ++i) {
         sgsi_frame *frame = &l->dataset.frames[i];

@@ -592,11 +592,10 @@ static void read_points(const char *path, const json_t *root, sgsi_dataset *data
     const char *problem = sgsi_image_name_clean(name);
     char *cloud = problem ? NULL : sibling_path(path, name);
     char *folder = sibling_path(path, ".");
-    sgsi_roots roots = {{NULL}};
-    sgsi_roots_add(&roots, folder);
+    sgsi_roots roots = {0};
     if (problem)
         sgsi_warn("%s: 'ply_file_path' %s; the scene has no points", path, problem);
-    else if (!cloud || sgsi_roots_check(&roots, cloud) ||
+    else if (!cloud || sgsi_roots_add(&roots, folder) || sgsi_roots_check(&roots, cloud) ||
              sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points,
                                    &dataset->colors))
         sgsi_warn("%s; the scene has no points",

@@ -339,6 +339,12 @@ static sgs_status check_scene(sgsi_sections *sections, const sgs_trainer *traine
     return SGS_STATUS_OK;
 }
 
+// A number of primitives.
+static bool is_count(int64_t n)
+{
+    return n >= 0 && n <= UINT32_MAX;
+}
+
 // View order and counters are used as indices: checks their ranges.
 static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer,
                                  const sgsi_progress *progress)
@@ -349,7 +355,11 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
         progress->structure_iteration > progress->iteration || progress->order_position > views ||
         progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
         progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0 ||
-        progress->batch_views < 0 || progress->batch_views >= trainer->options.batch)
+        progress->batch_views < 0 || progress->batch_views >= trainer->options.batch ||
+        (progress->stop == SGS_STOP_SCHEDULE &&
+         (!progress->iteration || !progress->order_position)) ||
+        !is_count(progress->pipeline.initial_count) || !is_count(progress->pipeline.momentum) ||
+        !is_count(progress->pipeline.deleted))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a counter in section 'progress' is out of range",
                          sections->path);
     size_t bytes;

@@ -281,6 +281,19 @@ reports "images/0001.png: is a photograph or a mask of the scene; choose another
 run 1 eval "$model/point_cloud/iteration_10/point_cloud.ply" "$temporary/pngs" --split all --save "$temporary/pngs"
 reports ".png: is a photograph or a mask of the scene; choose another folder"
 check the_photograph_is_as_before cmp "$temporary/photo.png" "$temporary/pngs/images/0002.png"
+# Names of other outputs: a view 0001 and one that is named like a copy of its photograph or its depth.
+for other in 0001_photo 0001.depth; do
+    mkdir "$temporary/alike"
+    cp "$room/images/0001.jpg" "$temporary/alike/"
+    cp "$temporary/photo.png" "$temporary/alike/$other.png"
+    jq --arg other "$other.png" '.frames |= .[:2] | .frames[0].file_path = "0001.jpg" | .frames[1].file_path = $other' "$temporary/pngs/transforms.json" >"$temporary/alike/transforms.json"
+    run 1 eval "$model/point_cloud/iteration_10/point_cloud.ply" "$temporary/alike" --split all --save "$temporary/alike"
+    reports "alike/$other.png: is a photograph or a mask of the scene; choose another folder"
+    run 1 render "$model" "$temporary/alike" --split all --format png --aov rgba,depth -o "$temporary/alike"
+    reports "alike/$other.png: is a photograph or a mask of the scene; choose another folder"
+    check the_photograph_is_as_before cmp "$temporary/photo.png" "$temporary/alike/$other.png"
+    rm -r "$temporary/alike"
+done
 run 0 render "$model" "$temporary/pngs" --split all --format png --aov rgba -o "$temporary/pngs/images"
 
 # views_do_not_overwrite_each_other (equal stems keep their extension, equal names are numbered, no name leaves the folder)
@@ -549,8 +562,10 @@ cat >"$temporary/bin/ffmpeg" <<'EOF'
 #!/usr/bin/env bash
 printf '%s\n' "$@" >"$FFMPEG_SAYS"
 [ -z "${FFMPEG_FAILS:-}" ] || { echo 'first word' >&2; echo 'no such encoder' >&2; exit 1; }
-[ -z "${FFMPEG_ENDS:-}" ] || { head -c 1000 >"${@: -1}"; exit 0; }
-wc -c >"${@: -1}"
+out=${*: -1}
+out=${out#file:}
+[ -z "${FFMPEG_ENDS:-}" ] || { head -c 1000 >"$out"; exit 0; }
+wc -c >"$out"
 EOF
 chmod +x "$temporary/bin/ffmpeg"
 export FFMPEG_SAYS=$temporary/arguments
@@ -563,7 +578,8 @@ check threads_of_the_encoder_are_fixed test "$(grep -xA1 -- -threads "$temporary
 check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24/1 '$temporary/arguments'"
 check colours_of_bt709 bash -c "grep -q ',scale=out_color_matrix=bt709:out_range=tv$' '$temporary/arguments' &&
     grep -xA1 -- -colorspace '$temporary/arguments' | grep -qx bt709"
-check no_leftover test "$(find "$temporary" -maxdepth 1 -name '.*' -type f | wc -l)" = 0
+check no_leftover test "$(find "$temporary" -maxdepth 1 -name '*.tmp.*' | wc -l)" = 0
+check names_with_colons_are_no_protocols grep -qxE "file:.*film;x\.mp4\.tmp\.[0-9]+\.mp4" "$temporary/arguments"
 run 0 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/ntsc.mp4" --fps 23.976
 check rate_of_the_exr_files grep -qx 24000/1001 "$temporary/arguments"
 run 0 render "$model" "$room" --orbit 2 --size 33x20 --aov rgba --video "$temporary/near.mp4" --fps 24.0004 -o "$temporary/near"
@@ -593,7 +609,7 @@ timeout --foreground 120 "$program" render "$model" "$room" --orbit 20000 --size
     >"$temporary/stdout" 2>"$temporary/stderr" &
 job=$!
 for ((i = 0; i < 600; ++i)); do
-    if compgen -G "$temporary/.stopped.*.mp4" >/dev/null; then break; fi
+    if compgen -G "$temporary/stopped.mp4.tmp.*.mp4" >/dev/null; then break; fi
     sleep 0.1
 done
 kill -TERM "$(pgrep -P $job)" || true

@@ -259,6 +259,11 @@ for name in "$temporary/own_run" "$own_run"; do
     one_line
 done
 check the_model_of_the_run_is_as_before cmp "$ply" "$own_run/point_cloud.ply"
+run 0 convert "$ply" "$temporary/own_sog/meta.json"
+for name in own_sog own_sog/meta.json; do
+    run 2 convert "$temporary/$name" "$temporary/own_sog/meta.json" --filter-opacity 0.5
+    reports "own_sog/meta.json is an input of this command; choose another file"
+done
 run 1 convert "$temporary/missing.spz" "$temporary/none.ply"
 reports "no such model"
 echo '#usda 1.0' >"$temporary/empty.usda"

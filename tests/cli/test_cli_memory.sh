@@ -13,9 +13,7 @@ if is_sanitized; then
 fi
 mkdir -p "$temporary/hdr/images"
 cp -r "$room/sparse" "$temporary/hdr/"
-for photo in "$room"/images/*.jpg; do
-    oiiotool "$photo" --colorconvert sRGB linear -d half -o "$temporary/hdr/images/$(basename "${photo%.jpg}").exr"
-done
+oiiotool --frames 1-35 "$room/images/%04d.jpg" --colorconvert sRGB linear -d half -o "$temporary/hdr/images/%04d.exr"
 
 # near NAME ARGUMENT...: trains, then compares.
 near() {

@@ -54,7 +54,7 @@ refused "post: name: a/b: use letters" '[{"prune": {"method": "refine"}, "name":
 
 # all_points_of_all_steps_have_results
 steps='[{"prune": {"method": "refine"}}, {"prune": {"method": "pup", "ratio": [0.2, 0.6], "fisher_downscale": 2}, "name": "pup", "variants": ["on"]},
-        {"compress": {"method": "ghap", "finetune": 200}}]'
+        {"compress": {"method": "ghap", "finetune": 40}}]'
 write_plan '[{"compress": {"method": "ghap", "keep": 0.5, "preset": "spare-1"}}, {"compress": {"method": "mesongs", "vq_steps": 9}}]'
 run 0 experiment "$plan" --check
 write_plan "$steps"

@@ -52,7 +52,7 @@ like_its_run() { # SUFFIX COMMAND ARGUMENT...: the same file of the run and of t
 }
 like_its_run /0001.png render "$room" --view 0001 --format png
 like_its_run "" prune "$room" --method lightgaussian --ratio 0.5
-like_its_run "" compress "$room" --method lightgaussian --keep 0.5 --finetune 0
+like_its_run "" compress "$room" --method lightgaussian --keep 0.5 --finetune 0 --vq-steps 10
 for name in base derived.ply; do
     run 0 profile "$temporary/$name" "$room" --run "$base" --views 1 --refits 1 --repeat 1 --samples 0 --json
     jq '.view | [.rays, .hits]' "$temporary/stdout" >"$temporary/$name.views"

@@ -123,11 +123,13 @@ cp "$photos/0001.jpg" "$temporary/mixed/a b.JPG"
 cp "$photos/0002.jpg" "$temporary/mixed/b.jpg"
 cp "$photos/0003.jpg" "$temporary/mixed/._b.jpg"
 cp "$photos/0003.jpg" "$temporary/mixed/b_mask.png"
+cp "$photos/0004.jpg" "$temporary/mixed/"$'two\nlines.jpg'
 for name in b.DNG c.HEIC d.heic; do echo raw >"$temporary/mixed/$name"; done
 : >"$CALLS"
 with_standin run 0 reconstruct "$temporary/mixed" -o "$temporary/mixed_scene"
 check the_list_is_given grep -qxF "$temporary/mixed_scene/colmap/photographs.txt" "$CALLS"
 check the_list_has_the_photographs test "$(cat "$temporary/mixed_scene/colmap/photographs.txt")" = $'a b.JPG\nb.jpg'
+reports "lines.jpg: the name contains a line break; COLMAP will not use it"
 reports "mixed: 2 photograph(s) in other formats are not used, first 'c.HEIC'; convert them to JPEG, PNG or TIFF"
 
 # links_to_folders_are_not_followed

@@ -39,9 +39,7 @@ cut_run linear --train-space linear --alpha ignore --white 1.23456789012345
 # a_measured_white_point_is_recorded_to_the_last_bit
 cp -r "$room" "$temporary/hdr"
 rm "$temporary"/hdr/images/*
-for photo in "$room"/images/*.jpg; do
-    oiiotool "$photo" --tocolorspace linear --mulc 1.7 -d half -o "$temporary/hdr/images/$(basename "$photo" .jpg).exr"
-done
+oiiotool --frames 1-35 "$room/images/%04d.jpg" --tocolorspace linear --mulc 1.7 -d half -o "$temporary/hdr/images/%04d.exr"
 sed -i 's/\.jpg/.exr/g' "$temporary/hdr/sparse/0/images.bin"
 room=$temporary/hdr cut_run measured --train-space linear
 json "$temporary/measured/config.json" '.options.white != 1 and (.precise.white | type) == "string"'

@@ -102,4 +102,19 @@ printf '{"w": 1280, "h": 720, "fl_x": 500, "frames": [{"file_path": "images/a.jp
 run 1 info "$nerf"
 reports "masks/a.png: a link leads out of the data set"
 
+# any_number_of_linked_folders
+many=$temporary/many
+mkdir -p "$many" "$temporary/far/masks"
+for k in $(seq 20); do
+    mkdir "$temporary/far/cam$k"
+    cp "$room/images/0001.jpg" "$temporary/far/cam$k/"
+    ln -s "$temporary/far/cam$k" "$many/cam$k"
+done
+jq -n '{w: 1280, h: 720, fl_x: 500, frames: [range(1; 21) |
+    {file_path: "cam\(.)/0001.jpg", transform_matrix: [[1, 0, 0, .], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}' >"$many/transforms.json"
+ln -s "$temporary/far/masks" "$many/masks"
+run 0 info "$many" --json
+json "$temporary/stdout" '.views == 20 and .images_missing == 0'
+check nothing_is_skipped bash -c '! grep -q "leads out" "$0"' "$temporary/stderr"
+
 finish

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # shared_build_works: the program and a test that uses internals, linked with the shared library, without optimisation.
-# static_subproject_works: the consumer project with the sources as a static subproject. test_subproject builds a shared one.
+# static_subproject_works: the consumer project with the sources as a static subproject. test_subproject_long builds a shared one.
 set -euo pipefail
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT

@@ -271,6 +271,18 @@ static void wrong_numbers_are_refused_by_name(void **state)
     const size_t iteration = field_find(good, size, "progress", "iteration");
     memset(bytes + iteration, 0xFF, 4);
     refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "section 'progress' is out of range");
+    for (int k = 0; k < 3; ++k) {
+        static const char *const names[] = {"pipeline.initial_count", "pipeline.momentum",
+                                            "pipeline.deleted"};
+        memcpy(bytes, good, size);
+        memset(bytes + field_find(good, size, "progress", names[k]), 0xFF, 8);
+        refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "section 'progress' is out of range");
+    }
+    memcpy(bytes, good, size); // a completed schedule without an iteration
+    const size_t stop = field_find(good, size, "progress", "stop");
+    bytes[stop] = SGS_STOP_SCHEDULE;
+    memset(bytes + field_find(good, size, "progress", "order_position"), 0, 4);
+    refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "section 'progress' is out of range");
     memcpy(bytes, good, size);
     memset(bytes + order, 0xFF, 4);
     refuses(trainer, bytes, size, SGS_STATUS_FORMAT, "contains view 4294967295 of");

@@ -307,6 +307,20 @@ static bool same_entry(const char *a, const char *b)
     return !strcmp(names[0], names[1]) && same_inode(&folders[0], &folders[1]);
 }
 
+// True if `folder` holds a SOG model whose manifest is the file `info`.
+static bool is_manifest(const struct stat *info, const char *folder)
+{
+    static const char *const names[] = {"meta.json", "lod-meta.json"};
+    bool is = false;
+    for (size_t k = 0; k < sizeof names / sizeof *names && !is; ++k) {
+        char *path = format_text("%s/%s", folder, names[k]);
+        struct stat manifest;
+        is = !stat(path, &manifest) && same_inode(info, &manifest);
+        free(path);
+    }
+    return is;
+}
+
 bool same_file(const char *a, const char *b)
 {
     struct stat first, second;
@@ -314,6 +328,8 @@ bool same_file(const char *a, const char *b)
         return true;
     if (stat(a, &first) || stat(b, &second))
         return same_entry(a, b);
+    if (S_ISDIR(second.st_mode))
+        return S_ISREG(first.st_mode) && is_manifest(&first, b);
     return S_ISREG(first.st_mode) && same_inode(&first, &second);
 }
 

@@ -127,7 +127,8 @@ bool option_set(const command_line *line, const char *name);
 // continue, or EXIT_USAGE.
 int refuse_idle(const command_line *line, const char *names, const char *why);
 void warn_idle(const command_line *line, const char *names, const char *why);
-// True if both are the same name, the same existing file, or the same name in the same folder.
+// True if both are the same name, the same existing file, or the same name in the same folder, or
+// if `a` is the manifest of the SOG model in the folder `b`.
 bool same_file(const char *a, const char *b);
 // Refuses output options that name `input`, such as the model in a run folder: returns -1 to
 // continue, or EXIT_USAGE. The parser has checked them against the operands.

@@ -72,12 +72,12 @@ bool make_folder_of(const char *path)
 // Creates and removes a file in a folder. Returns 0, or errno.
 static int probe_folder(const char *folder)
 {
-    char *probe = format_text("%s/.sparegs.%ld", folder, (long)getpid());
-    FILE *stream = fopen(probe, "wb");
-    const bool written = stream && fputs("probe\n", stream) >= 0 && !fflush(stream);
+    char *probe = format_text("%s/.sparegs.XXXXXX", folder);
+    const int descriptor = mkstemp(probe);
+    const bool written = descriptor >= 0 && write(descriptor, "probe\n", 6) == 6;
     const int code = written ? 0 : errno;
-    if (stream) {
-        fclose(stream);
+    if (descriptor >= 0) {
+        close(descriptor);
         unlink(probe);
     }
     free(probe);

@@ -164,8 +164,11 @@ static void add_photo(reconstruction *run, const char *path, const char *name,
                       const struct stat *info, json_t *made_from)
 {
     int width = 0, height = 0;
-    const bool readable = !sgs_image8_probe(path, &width, &height);
-    if (!readable)
+    const bool listable = !strpbrk(name, "\r\n"),
+               readable = listable && !sgs_image8_probe(path, &width, &height);
+    if (!listable)
+        print_warning("%s: the name contains a line break; COLMAP will not use it", path);
+    else if (!readable)
         print_warning("%s; COLMAP will not use it", sgs_last_error());
     else if (!run->count++)
         run->width = width, run->height = height;

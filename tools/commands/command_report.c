@@ -4,6 +4,7 @@
 // `sparegs report`: the tables of an experiment as Markdown, and one self-contained HTML page:
 // report_page.html with data and images embedded.
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -213,9 +214,16 @@ static char *base64(const unsigned char *bytes, size_t size)
 // A PNG as a data URI, encoded through a temporary file. NULL after printing the error.
 static json_t *picture_uri(const char *folder, const sgs_image8 *image)
 {
-    char *path = format_text("%s/.picture.%ld.png", folder, (long)getpid());
+    char *path = format_text("%s/.picture.XXXXXX.png", folder);
+    const int descriptor = mkstemps(path, 4);
     json_t *uri = NULL;
     FILE *stream = NULL;
+    if (descriptor < 0) {
+        fail_run("%s: cannot be written: %s", path, strerror(errno));
+        free(path);
+        return NULL;
+    }
+    close(descriptor);
     if (sgs_png_write(path, image))
         fail_library();
     else

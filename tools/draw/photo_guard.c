@@ -16,26 +16,36 @@ static const char *base_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
-// Compares the names first: most files are other ones.
-static bool is_file(const char *path, const char *input)
+// True for STEM.png, STEM_photo.png, STEM.depth.png, STEM.deep.exr and the like.
+static bool may_be_written(const char *name, const char *stem)
 {
-    return input && !strcmp(base_name(path), base_name(input)) && same_file(path, input);
+    const size_t length = strlen(stem);
+    if (strncmp(name, stem, length) != 0 || (name[length] != '.' && name[length] != '_'))
+        return false;
+    const char *ending = strrchr(name, '.');
+    return ending && (!strcmp(ending, ".png") || !strcmp(ending, ".exr"));
+}
+
+// Compares the names first: most files are other ones.
+static bool spares(const char *folder, const char *stem, const char *input)
+{
+    if (!input || !may_be_written(base_name(input), base_name(stem)))
+        return true;
+    char *path =
+        format_text("%s/%.*s%s", folder, (int)(base_name(stem) - stem), stem, base_name(input));
+    const bool same = same_file(path, input);
+    if (same)
+        fail_run("%s: is a photograph or a mask of the scene; choose another folder", path);
+    free(path);
+    return !same;
 }
 
 bool photo_guard_admits(const sgs_scene *scene, const char *folder, const char *stem)
 {
-    static const char *const endings[] = {"png", "exr"};
     bool admits = true;
-    for (int k = 0; k < 2 && admits; ++k) {
-        char *path = format_text("%s/%s.%s", folder, stem, endings[k]);
-        const size_t views = scene && file_exists(path) ? scene->view_count : 0;
-        for (size_t v = 0; v < views && admits; ++v) {
-            const sgs_view *view = &scene->views[v];
-            admits = !is_file(path, view->image_path) && !is_file(path, view->mask_path);
-        }
-        if (!admits)
-            fail_run("%s: is a photograph or a mask of the scene; choose another folder", path);
-        free(path);
+    for (size_t v = 0; scene && v < scene->view_count && admits; ++v) {
+        const sgs_view *view = &scene->views[v];
+        admits = spares(folder, stem, view->image_path) && spares(folder, stem, view->mask_path);
     }
     return admits;
 }

@@ -8,6 +8,7 @@
 
 #include "sparegs/scene.h"
 
-// False after printing the error if FOLDER/STEM.png or FOLDER/STEM.exr is a photograph or a mask of
-// the scene. scene may be NULL.
+// False after printing the error if a PNG or EXR file FOLDER/STEM.* or FOLDER/STEM_* is a
+// photograph or a mask of the scene: renders, their AOVs and error maps have such names. scene may
+// be NULL.
 bool photo_guard_admits(const sgs_scene *scene, const char *folder, const char *stem);

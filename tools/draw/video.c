@@ -13,6 +13,7 @@
 #include "draw/video.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -56,14 +57,33 @@ bool video_possible(void)
     return false;
 }
 
-// FOLDER/.NAME.PID.EXTENSION: ffmpeg derives the format from the extension.
-static char *temporary_path(const char *path)
+// The temporary file of `file` with the extension of its target, from which ffmpeg derives the
+// format. NULL after printing the error.
+static char *create_temporary(const sgs_output_file *file)
 {
-    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path,
-               *dot = strrchr(name, '.');
-    return format_text("%.*s.%.*s.%ld%s", (int)(name - path), path,
-                       (int)(dot ? dot - name : (long)strlen(name)), name, (long)getpid(),
-                       dot ? dot : "");
+    const char *slash = strrchr(file->target, '/'), *dot = strrchr(file->target, '.');
+    char *path = format_text("%s%s", file->temporary, dot && dot > slash ? dot : "");
+    const int descriptor = open(path, O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
+    if (descriptor >= 0) {
+        close(descriptor);
+        return path;
+    }
+    fail_run("%s: cannot be written: %s", path, strerror(errno));
+    free(path);
+    return NULL;
+}
+
+// Moves ffmpeg's file to the temporary file of film->file, synchronised like other outputs.
+static bool move_temporary(const video *film)
+{
+    const int descriptor = open(film->temporary, O_RDONLY | O_CLOEXEC);
+    const bool moved =
+        descriptor >= 0 && !fsync(descriptor) && !rename(film->temporary, film->file.temporary);
+    if (!moved)
+        fail_run("%s: cannot be written: %s", film->file.path, strerror(errno));
+    if (descriptor >= 0)
+        close(descriptor);
+    return moved;
 }
 
 // True if ffmpeg records the colour space in files of this format.
@@ -81,6 +101,7 @@ static void run_ffmpeg(const video *film, double fps, int input)
 {
     char size[32], rate[32];
     int numerator, denominator;
+    char *output = format_text("file:%s", film->temporary); // names may contain colons
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     // As recorded in EXR files; fps is at least 0.01, and a camera path may have more than 1e6.
     if (sgs_frame_rate(fps, &numerator, &denominator))
@@ -121,7 +142,7 @@ static void run_ffmpeg(const video *film, double fps, int input)
                                      curve,
                                      "-threads",
                                      "16",
-                                     film->temporary,
+                                     output,
                                      NULL};
     setpgid(0, 0); // Ctrl-C stops this program, which then discards the video
     dup2(input, STDIN_FILENO);
@@ -138,6 +159,8 @@ static void free_film(video *film)
     if (film->messages)
         fclose(film->messages);
     free(film->frame);
+    if (film->temporary)
+        unlink(film->temporary);
     free(film->temporary);
     free(film);
 }
@@ -150,7 +173,11 @@ video *video_open(const char *path, int width, int height, double fps)
         free(film);
         return NULL;
     }
-    film->temporary = temporary_path(film->file.target);
+    film->temporary = create_temporary(&film->file);
+    if (!film->temporary) {
+        free_film(film);
+        return NULL;
+    }
     film->width = width;
     film->height = height;
     film->frame = malloc(3 * (size_t)width * (size_t)height);
@@ -225,8 +252,7 @@ bool video_close(video *film, bool complete)
     bool done = finish_child(film, complete);
     if (done && complete) {
         char *name = format_text("%s", film->file.path);
-        if (rename(film->temporary, film->file.temporary)) {
-            fail_run("%s: cannot rename the temporary file: %s", name, strerror(errno));
+        if (!move_temporary(film)) {
             done = false;
         } else if (sgs_output_file_commit(&film->file)) {
             fail_library();
@@ -236,7 +262,6 @@ bool video_close(video *film, bool complete)
         }
         free(name);
     }
-    unlink(film->temporary);
     free_film(film);
     return done;
 }

@@ -382,6 +382,7 @@ typedef struct sgs_train_milestones {
     int sh_interval;         // iterations per additional SH band; 0 = all bands at once
     double gradient_factor;  // on the pipeline's gradient threshold
     double shape_factor;     // on the published learning rates of rotation and scale
+    double sh_factor;        // on that of SH above degree 0
     double opacity_factor;   // on that of opacity
     double ssim_weight;      // of 1 - SSIM in the loss
     double ssim_sigma;       // of its window, pixels

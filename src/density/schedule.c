@@ -32,7 +32,9 @@
 // - Rates of rotation and scale: twice the published ones up to N = 7500, sqrt(30 000 / N) times
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
-//   reduction fades out towards N = 2000 and N = 30 000.
+//   reduction fades out towards N = 2000 and N = 30 000. Twice that of 3DGS up to N = 2000, with 30
+//   views or more and small photographs, but not with mcmc; this fades out towards N = 7000, 15
+//   views and large photographs, where it makes held-out views worse.
 // - Large photographs, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 0.8 times the
 //   threshold and less weight of gradients close to the camera (Pixel-GS, its constant). With 3dgs,
 //   absolute gradients count at twice the threshold (AbsGS), because signed ones cancel where a
@@ -62,7 +64,7 @@
 enum {
     PAPER_HALF = 15000,
     CONSTANT_LENGTH = 1000,
-    FEW_VIEWS_LENGTH = 2000,
+    SHORT_SH_LENGTH = 2000,
     SHORT_UPDATES = 10,
     LEAST_INTERVAL = 20,
     RELOCATION_INTERVAL = 50,
@@ -74,6 +76,9 @@ enum {
 #define RANDOM_THRESHOLD 1.0
 #define RANDOM_UPDATES 30.0
 #define FEW_VIEWS 24.0 // 1.5 per SH coefficient
+#define SHORT_SH_RATE 2.0
+#define SH_VIEWS_FROM 15.0
+#define SH_VIEWS 30.0
 #define ANNEAL_FROM 0.7
 #define SHORT_LATE_RATE 0.1
 #define SHORT_SHAPE_RATE 2.0
@@ -177,14 +182,27 @@ static double fine_growth(size_t views, double pixels)
     return fmin(fmax(size, 0.0), 1.0) * fmin(fmax(number, 0.0), 1.0);
 }
 
-static double sh_rate(const sgs_train_options *options, size_t views)
+// From 15 to 30 views of small photographs: up to SHORT_SH_RATE times the published rate of 3DGS.
+static double short_sh_rate(const sgsi_pipeline *pipeline, const sgsi_schedule_input *input)
+{
+    const double own = (double)pipeline->lr_rest / (double)sgsi_pipeline_3dgs.lr_rest,
+                 enough = ((double)input->views - SH_VIEWS_FROM) / (SH_VIEWS - SH_VIEWS_FROM),
+                 large = fine_growth(input->views, input->pixels);
+    return pow(fmax(SHORT_SH_RATE / own, 1.0), fmin(fmax(enough, 0.0), 1.0) * (1.0 - large));
+}
+
+// short_sh_rate up to SHORT_SH_LENGTH; below 1 for few views at SGSI_SHORT_LENGTH.
+static double sh_rate(const sgs_train_options *options, const sgsi_schedule_input *input)
 {
     if (options->schedule != SGS_SCHEDULE_SCALED || options->iterations >= SGSI_PAPER_LENGTH)
         return 1.0;
-    const double above = log((double)options->iterations / FEW_VIEWS_LENGTH) /
-                         log((double)SGSI_SHORT_LENGTH / FEW_VIEWS_LENGTH);
-    return pow(fmin((double)views / FEW_VIEWS, 1.0),
-               fmin(fmax(above, 0.0), sgsi_run_shortness(options)));
+    const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
+    const double position = log((double)options->iterations / SHORT_SH_LENGTH) /
+                            log((double)SGSI_SHORT_LENGTH / SHORT_SH_LENGTH),
+                 above = fmin(fmax(position, 0.0), 1.0),
+                 few = fmin((double)input->views / FEW_VIEWS, 1.0),
+                 brief = pipeline->relocates ? 1.0 : short_sh_rate(pipeline, input);
+    return pow(few, fmin(above, sgsi_run_shortness(options))) * pow(brief, 1.0 - above);
 }
 
 // A tenth at SGSI_SHORT_LENGTH, more on large photographs, 1 up to CONSTANT_LENGTH and from
@@ -237,7 +255,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
         .anneal_from = options->iterations,
         .lr_late = 1.0,
         .lr_shape = 1.0,
-        .lr_sh = sh_rate(options, input->views),
+        .lr_sh = sh_rate(options, input),
         .lr_opacity = 1.0,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};

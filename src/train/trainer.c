@@ -654,6 +654,7 @@ sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer)
                                   .sh_interval = sh_interval(trainer),
                                   .gradient_factor = schedule->threshold_factor,
                                   .shape_factor = schedule->lr_shape,
+                                  .sh_factor = schedule->lr_sh,
                                   .opacity_factor = schedule->lr_opacity,
                                   .ssim_weight = schedule->ssim_weight,
                                   .ssim_sigma = schedule->ssim_sigma,

@@ -45,9 +45,9 @@ milestones() { # FILTER TRAIN-OPTION...
     run 0 train "${data[@]}" -o "$temporary/milestones" --overwrite --iterations 2 "${@:2}"
     json "$temporary/milestones/config.json" ".milestones | $1"
 }
-milestones '.reset_interval == 0 and .gradient_factor == 1.7 and .shape_factor == 2 and .ssim_weight == 0.2 and .optimizer == "sparse"'
+milestones '.reset_interval == 0 and .gradient_factor == 1.7 and .shape_factor == 2 and .sh_factor == 2 and .ssim_weight == 0.2 and .optimizer == "sparse"'
 milestones '.ssim_weight == 0.6 and .half_size_until == 0' --ssim-weight 0.6
-published='.reset_interval == 3000 and .gradient_factor == 1 and .shape_factor == 1 and .sh_interval == 1000'
+published='.reset_interval == 3000 and .gradient_factor == 1 and .shape_factor == 1 and .sh_factor == 1 and .sh_interval == 1000'
 milestones "$published and [.densify_from, .densify_until, .densify_interval] == [500, 15000, 100]" --schedule paper
 milestones '.reset_interval == 0 and .optimizer == "dense" and .densify_until == 25000' --pipeline mcmc --schedule paper
 milestones '.densify_from == 0 and .densify_until == 0 and .densify_interval == 0 and .sh_interval == 0' --schedule finetune \

@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <cmocka.h>
 
+#include "density/pipeline.h"
 #include "density/schedule.h"
 
 // Photographs: number and pixels.
@@ -98,8 +99,9 @@ static void size_pruning_follows_the_published_rule(void **state)
             }
 }
 
-// The rate of SH grows with the number of views up to 24, and is the published one for more views,
-// from 30 000 iterations on, up to 2000, and in the published schedule; without a step.
+// The rate of SH grows with the number of views up to 24, and is the published one for more views
+// and from 30 000 iterations on, both towards 7000 iterations and below 2000, and in the published
+// schedule; without a step.
 static void few_views_have_a_smaller_rate_of_sh(void **state)
 {
     (void)state;
@@ -121,6 +123,46 @@ static void few_views_have_a_smaller_rate_of_sh(void **state)
         longer = rate;
     }
     assert_true(longer == 1.0);
+}
+
+// Up to 2000 iterations, the rate of SH grows with the number of views from 15 to 30, up to twice
+// that of 3DGS, which Taming and FastGS have as published. It falls to the published one at 7000
+// iterations and on large photographs; without a step.
+static void short_runs_have_a_higher_rate_of_sh(void **state)
+{
+    (void)state;
+    sgs_train_options options = sgs_train_options_default();
+    for (options.iterations = 100; options.iterations <= 2000; options.iterations += 100) {
+        assert_true(sh_rate(&options, 15) == 1.0);
+        assert_true(fabs(sh_rate(&options, 20) - cbrt(2.0)) < 1e-12);
+        assert_true(sh_rate(&options, 30) == 2.0 && sh_rate(&options, 100000) == 2.0);
+    }
+    double shorter = 2.0;
+    for (; options.iterations <= 40000; options.iterations += 100) {
+        const double rate = sh_rate(&options, 30);
+        assert_true(rate <= shorter && shorter - rate < 0.06);
+        assert_true((options.iterations < 7000) == (rate > 1.0));
+        shorter = rate;
+    }
+    assert_true(shorter == 1.0);
+    options.iterations = 2000;
+    for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline) {
+        options.pipeline = (sgs_pipeline)pipeline;
+        const double rate = (double)sgsi_pipeline_get(options.pipeline)->lr_rest,
+                     wanted = pipeline == SGS_PIPELINE_MCMC ? 1.25e-4 : 2.5e-4;
+        assert_true(fabs(rate * sh_rate(&options, 30) - wanted) < 1e-10);
+    }
+    options.pipeline = SGS_PIPELINE_3DGS;
+    double smaller = 2.0;
+    for (double pixels = SMALL; pixels < 1e6; pixels *= 1.1) {
+        const sgsi_schedule_input input = {.views = 60, .pixels = pixels};
+        const double rate = sgsi_schedule_make(&options, &input).lr_sh;
+        assert_true(rate <= smaller && smaller - rate < 0.2);
+        smaller = rate;
+    }
+    assert_true(smaller == 1.0);
+    options.schedule = SGS_SCHEDULE_PAPER;
+    assert_true(sh_rate(&options, 60) == 1.0);
 }
 
 // Rates but that of the position: constant as published; annealed in shorter runs, without a step
@@ -654,6 +696,7 @@ int main(void)
         cmocka_unit_test(published_schedule_has_144_updates_and_4_resets),
         cmocka_unit_test(size_pruning_follows_the_published_rule),
         cmocka_unit_test(few_views_have_a_smaller_rate_of_sh),
+        cmocka_unit_test(short_runs_have_a_higher_rate_of_sh),
         cmocka_unit_test(short_runs_anneal_their_rates),
         cmocka_unit_test(short_runs_shape_faster),
         cmocka_unit_test(white_backgrounds_have_an_additional_reset),

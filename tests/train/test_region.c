@@ -56,9 +56,9 @@ static int prepare(void **state)
     if (sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene))
         return 1;
     sgs_train_options short_run = sgs_train_options_default();
-    short_run.iterations = 60;
+    short_run.iterations = 40;
     sgs_trainer *trainer = trainer_create(scene, &short_run);
-    trainer_run(trainer, 60);
+    trainer_run(trainer, 40);
     const sgs_gaussians *model = sgs_trainer_model(trainer);
     float row[SGS_PARAM_COUNT];
     assert_int_equal(sgs_gaussians_create(model->count, &start), SGS_STATUS_OK);

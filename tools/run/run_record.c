@@ -35,6 +35,7 @@ void run_record_milestones(json_t *config, const sgs_trainer *trainer)
                   m.half_size_until, "sh_interval", m.sh_interval);
     json_object_set_new(json, "gradient_factor", json_number(m.gradient_factor));
     json_object_set_new(json, "shape_factor", json_number(m.shape_factor));
+    json_object_set_new(json, "sh_factor", json_number(m.sh_factor));
     json_object_set_new(json, "opacity_factor", json_number(m.opacity_factor));
     json_object_set_new(json, "ssim_weight", json_number(m.ssim_weight));
     json_object_set_new(json, "ssim_sigma", json_number(m.ssim_sigma));

@@ -128,7 +128,8 @@ static const option scene_options[] = {
      .argument = "N",
      .shown = "none",
      .unit = "images",
-     .help = "hold out every Nth image, sorted by name, starting with the first"},
+     .help = "hold out every Nth image, sorted by name, starting with the first; without effect "
+             "on a data set with its own test split"},
     {.name = "test-images",
      .kind = OPTION_TEXT,
      .offset = offsetof(scene_values, test_images),

@@ -182,7 +182,8 @@ static double fine_growth(size_t views, double pixels)
     return fmin(fmax(size, 0.0), 1.0) * fmin(fmax(number, 0.0), 1.0);
 }
 
-// From 15 to 30 views of small photographs: up to SHORT_SH_RATE times the published rate of 3DGS.
+// Rises from 15 to 30 views, on small photographs, to SHORT_SH_RATE times the published rate of
+// 3DGS.
 static double short_sh_rate(const sgsi_pipeline *pipeline, const sgsi_schedule_input *input)
 {
     const double own = (double)pipeline->lr_rest / (double)sgsi_pipeline_3dgs.lr_rest,

@@ -241,12 +241,12 @@ bool read_slab(OIIO::ImageInput &input, const OIIO::ImageSpec &spec, const Layou
                int end, void *slab)
 {
     const int channel_end = layout.first + layout.read;
-    // OpenImageIO converts to a given type in a buffer of 16 MB, and to none directly.
+    // OpenImageIO converts scanlines in a buffer of 16 MB, unless no type is given.
     const bool native = layout.type == spec.format && spec.channelformats.empty();
     const OIIO::TypeDesc type = native ? OIIO::TypeDesc() : layout.type;
     return spec.tile_width > 0
                ? input.read_tiles(0, 0, spec.x, spec.x + spec.width, spec.y + y, spec.y + end,
-                                  spec.z, spec.z + 1, layout.first, channel_end, type, slab)
+                                  spec.z, spec.z + 1, layout.first, channel_end, layout.type, slab)
                : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, layout.first,
                                       channel_end, type, slab);
 }

@@ -565,7 +565,7 @@ printf '%s\n' "$@" >"$FFMPEG_SAYS"
 out=${*: -1}
 out=${out#file:}
 [ -z "${FFMPEG_ENDS:-}" ] || { head -c 1000 >"$out"; exit 0; }
-wc -c >"$out"
+exec wc -c >"$out"
 EOF
 chmod +x "$temporary/bin/ffmpeg"
 export FFMPEG_SAYS=$temporary/arguments
@@ -609,7 +609,7 @@ timeout --foreground 120 "$program" render "$model" "$room" --orbit 20000 --size
     >"$temporary/stdout" 2>"$temporary/stderr" &
 job=$!
 for ((i = 0; i < 600; ++i)); do
-    if compgen -G "$temporary/stopped.mp4.tmp.*.mp4" >/dev/null; then break; fi
+    if grep -q stopped.mp4 "$temporary/arguments"; then break; fi
     sleep 0.1
 done
 kill -TERM "$(pgrep -P $job)" || true

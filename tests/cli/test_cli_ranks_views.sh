@@ -39,8 +39,10 @@ run 0 train "$room" -o "$model" --downscale 4 --eval --iterations 60 --threads 1
 mkdir "$temporary/bin" "$temporary/empty"
 cat >"$temporary/bin/ffmpeg" <<'END'
 #!/usr/bin/env bash
-if [ -z "${ENCODES:-}" ]; then exec cat >"${@: -1}"; fi
-head -c "$ENCODES" >"${@: -1}"
+out=${*: -1}
+out=${out#file:}
+if [ -z "${ENCODES:-}" ]; then exec cat >"$out"; fi
+head -c "$ENCODES" >"$out"
 echo 'first word' >&2
 echo 'the encoder is broken' >&2
 exit "${ENCODER_EXITS:-1}"

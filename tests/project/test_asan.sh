@@ -2,11 +2,11 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Address and undefined-behaviour sanitizers on the fast tests: file readers, checkpoints with tiny training runs,
-# spare/, gradients of renderings, scenes in memory and the examples. test_asan_long runs all tests, in the same build folder.
+# Address and undefined-behaviour sanitizers on the fast tests: file readers, spare/, gradients of renderings, scenes in
+# memory and the examples. test_asan_long runs all tests, in the same build folder.
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
-tests=(test_colmap test_transforms test_ply_errors test_checkpoint test_spare test_renderer_gradient test_scene_create)
+tests=(test_colmap test_transforms test_ply_errors test_spare test_renderer_gradient test_scene_create)
 build=$SPAREGS_BUILD/asan
 cmake --preset asan -B "$build" >/dev/null
 if ! cmake --build "$build" -j "$(nproc)" --target "${tests[@]}" fit_image render_ply >"$build/build.log" 2>&1; then

@@ -32,6 +32,7 @@
 struct video {
     sgs_output_file file;
     char *temporary; // ffmpeg writes it; it becomes the temporary file of `file`
+    char *output;    // its name for ffmpeg: other names with a colon would be protocols
     int width, height;
     pid_t child;
     int pipe;
@@ -101,7 +102,6 @@ static void run_ffmpeg(const video *film, double fps, int input)
 {
     char size[32], rate[32];
     int numerator, denominator;
-    char *output = format_text("file:%s", film->temporary); // names may contain colons
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     // As recorded in EXR files; fps is at least 0.01, and a camera path may have more than 1e6.
     if (sgs_frame_rate(fps, &numerator, &denominator))
@@ -142,7 +142,7 @@ static void run_ffmpeg(const video *film, double fps, int input)
                                      curve,
                                      "-threads",
                                      "16",
-                                     output,
+                                     film->output,
                                      NULL};
     setpgid(0, 0); // Ctrl-C stops this program, which then discards the video
     dup2(input, STDIN_FILENO);
@@ -162,6 +162,7 @@ static void free_film(video *film)
     if (film->temporary)
         unlink(film->temporary);
     free(film->temporary);
+    free(film->output);
     free(film);
 }
 
@@ -178,6 +179,7 @@ video *video_open(const char *path, int width, int height, double fps)
         free_film(film);
         return NULL;
     }
+    film->output = format_text("file:%s", film->temporary);
     film->width = width;
     film->height = height;
     film->frame = malloc(3 * (size_t)width * (size_t)height);

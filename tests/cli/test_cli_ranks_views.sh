@@ -27,7 +27,7 @@ on_rank() {
 on_all_ranks() { program=$SPAREGS_PROGRAM; }
 no_video() {
     check no_video test ! -e "$1"
-    check no_temporary_file_is_left test -z "$(find "$temporary" -name '.*.mp4')"
+    check no_temporary_file_is_left test -z "$(find "$temporary" -name '*.mp4.tmp.*')"
 }
 count_of() { find "$1" -name "$2" | wc -l; }
 
@@ -269,7 +269,7 @@ on_all_ranks
 signalled=(2)
 if is_long; then signalled+=(0); fi
 for number in "${signalled[@]}"; do
-    stop $number "$temporary/.stopped.*.mp4" render "$model" "$room" --orbit 5000 --size 168x96 --video "$temporary/stopped.mp4"
+    stop $number "$temporary/stopped.mp4.tmp.*.mp4" render "$model" "$room" --orbit 5000 --size 168x96 --video "$temporary/stopped.mp4"
     reports "stopped.mp4: stopped; no video was written"
     check one_note test "$(grep -c 'no video was written' "$temporary/stderr")" = 1
     no_video "$temporary/stopped.mp4"

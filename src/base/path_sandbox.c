@@ -8,17 +8,15 @@
 
 #include "base/core.h"
 
-static bool is_below(const char *path, const char *root)
-{
-    const size_t length = strlen(root);
-    return !strncmp(path, root, length) && (path[length] == '/' || length == 1);
-}
-
+// True for one of the folders and everything below it.
 static bool is_inside(const sgsi_roots *roots, const char *path)
 {
-    for (size_t i = 0; i < roots->count; ++i)
-        if (!strcmp(path, roots->path[i]) || is_below(path, roots->path[i]))
+    for (size_t i = 0; i < roots->count; ++i) {
+        const size_t length = strlen(roots->path[i]);
+        if (!strncmp(path, roots->path[i], length) &&
+            (path[length] == '/' || !path[length] || length == 1))
             return true;
+    }
     return false;
 }
 
@@ -29,21 +27,21 @@ sgs_status sgsi_roots_add(sgsi_roots *roots, const char *folder)
         free(real);
         return SGS_STATUS_OK;
     }
-    char **grown = realloc(roots->path, (roots->count + 1) * sizeof *grown);
-    if (!grown) {
+    void *grown = roots->path;
+    if (!sgsi_grow(&grown, roots->count, roots->count + 1, sizeof *roots->path)) {
         free(real);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its path", folder);
     }
-    grown[roots->count++] = real;
     roots->path = grown;
+    roots->path[roots->count++] = real;
     return SGS_STATUS_OK;
 }
 
 void sgsi_roots_free(sgsi_roots *roots)
 {
     for (size_t i = 0; i < roots->count; ++i)
-        free(roots->path[i]);
-    free(roots->path);
+        free(roots->path[i]); // allocated by realpath
+    sgsi_free(roots->path);
     *roots = (sgsi_roots){0};
 }
 

@@ -578,7 +578,7 @@ check threads_of_the_encoder_are_fixed test "$(grep -xA1 -- -threads "$temporary
 check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24/1 '$temporary/arguments'"
 check colours_of_bt709 bash -c "grep -q ',scale=out_color_matrix=bt709:out_range=tv$' '$temporary/arguments' &&
     grep -xA1 -- -colorspace '$temporary/arguments' | grep -qx bt709"
-check no_leftover test "$(find "$temporary" -maxdepth 1 -name '*.tmp.*' | wc -l)" = 0
+check no_leftover test "$(find "$temporary" -maxdepth 1 '(' -name '.*' -type f -o -name '*.tmp.*' ')' | wc -l)" = 0
 check names_with_colons_are_no_protocols grep -qxE "file:.*film;x\.mp4\.tmp\.[0-9]+\.mp4" "$temporary/arguments"
 run 0 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/ntsc.mp4" --fps 23.976
 check rate_of_the_exr_files grep -qx 24000/1001 "$temporary/arguments"

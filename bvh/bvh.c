@@ -269,7 +269,8 @@ sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_
         rays.dir_y[i] = packet->direction[1][i];
         rays.dir_z[i] = packet->direction[2][i];
         rays.time[i] = 0.0f;
-        rays.tfar[i] = packet->far[i];
+        // Without native packets of sixteen (AVX-512), Embree 3.13.5 ignores `valid`.
+        rays.tfar[i] = valid[i] ? packet->far[i] : -INFINITY;
         rays.mask[i] = ~0u;
         rays.id[i] = 0;
         rays.flags[i] = 0;

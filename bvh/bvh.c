@@ -140,7 +140,7 @@ sgs_status sgsi_bvh_create(sgsi_bvh **bvh)
     *bvh = NULL;
     sgsi_bvh *created = sgsi_calloc(1, sizeof *created);
     if (!created)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a BVH");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a BVH");
     if (!acquire_device()) {
         sgsi_free(created);
         const int error = rtcGetDeviceError(NULL);
@@ -277,7 +277,7 @@ sgs_status sgsi_bvh_gather(const sgsi_bvh *bvh, const sgsi_packet *packet, sgsi_
     }
     sgsi_rtc_occluded16(valid, bvh->scene, &context.base, &rays, native_packets);
     if (context.failed)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu tile candidates",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu tile candidates",
                          2 * list->capacity);
     return SGS_STATUS_OK;
 }

@@ -196,6 +196,6 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
         rtcReleaseDevice(device);
     sgsi_free(primitives);
     return failed ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                              "no memory to measure a tree over %zu boxes", count)
+                              "not enough memory to measure a tree over %zu boxes", count)
                   : SGS_STATUS_OK;
 }

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # From a fresh clone to a trained scene: installs missing packages, builds, trains the bundled scene with every 8th
-# photograph held out, compares the held-out views with their photographs and writes EXRs.
+# photo held out, compares the held-out views with their photos and writes EXRs.
 set -euo pipefail
 
 iterations=3000
@@ -28,7 +28,7 @@ echo "== evaluating held-out views"
 echo "== files"
 echo "model, for any 3DGS viewer:"
 ls -1 "$out"/point_cloud/iteration_*/point_cloud.ply
-echo "held-out views and their photographs:"
+echo "held-out views and their photos:"
 ls -1 "$out"/eval/*.png
 echo "EXR with RGBA and depth:"
 ls -1 "$out"/exr/*.exr

@@ -3,7 +3,7 @@
 #pragma once
 
 // Benchmarks: synthetic scenes generated from a seed, the phases of a training iteration, and the
-// limits of the machine. Does not train: the model is restored after each iteration. Writes no
+// machine peaks. Does not train: the model is restored after each iteration. Writes no
 // files.
 //
 // The measured iteration is the trainer's own, between two structural updates and with all SH bands
@@ -89,7 +89,7 @@ typedef struct sgs_bench_counts {
 typedef struct sgs_bench sgs_bench;
 
 // Copies the model and the cameras and poses of the views (1 to 16). Images are not required: the
-// photographs are renders with noise. Renders and trains every view once to warm up. Fails with
+// photos are renders with noise. Renders and trains every view once to warm up. Fails with
 // INVALID_ARGUMENT (number of views, empty model), or as sgs_renderer_render, sgs_trainer_create
 // and sgs_trainer_step do; *bench is then NULL.
 SGS_API sgs_status sgs_bench_create(const sgs_gaussians *model, const sgs_view *views,
@@ -172,7 +172,7 @@ SGS_API sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t co
 SGS_API double sgs_rank_seconds(const sgs_rank_prediction *prediction, double latency,
                                 double bandwidth);
 
-// ---- Machine limits ----
+// ---- Machine peaks ----
 
 typedef struct sgs_machine_limits {
     double tsc_ghz;    // time-stamp counter; 0 if unavailable

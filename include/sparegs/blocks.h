@@ -43,7 +43,7 @@ typedef struct sgs_blocks {
 
 // Bisects the box of the camera centres across its longest side, until there are options->count
 // cells; each plane balances sqrt(views x sparse points) between its sides in proportion to their
-// numbers of blocks. The photographs need not be loaded. options NULL = the defaults.
+// numbers of blocks. The photos need not be loaded. options NULL = the defaults.
 //
 // A view belongs to a block if enough of its lines of sight cross the enlarged cell: those from its
 // centre to the sparse points in its image, occluded ones included. Counting only the points in the

@@ -72,7 +72,7 @@ typedef struct sgs_compress_options {
     int depth, blocks;
     bool cell_center;
 
-    double step_scale; // FCGS-like: factor on all quantiser steps
+    double step_scale; // FCGS-like: multiplier of all quantiser steps
 
     // Recorded in the file if they are not the defaults: the model was trained with Mip-Splatting's
     // filters; the meaning of its colours.

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Image input and output: 8-bit photographs (OpenImageIO), PNG (OpenImageIO) and multi-channel EXR
+// Image input and output: 8-bit photos (OpenImageIO), PNG (OpenImageIO) and multi-channel EXR
 // for compositing (OpenEXR). All writers write to a temporary file in the target folder and rename
 // it, so a failed write keeps the existing file.
 //
@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-// A photograph: planar 8-bit, display-encoded (sRGB as stored in the file). Plane c starts at
+// A photo: planar 8-bit, display-encoded (sRGB as stored in the file). Plane c starts at
 // pixels + c * width * height; row-major, top row first. channels is 3 (RGB) or 4 (RGB and straight
 // alpha).
 typedef struct sgs_image8 {
@@ -27,7 +27,7 @@ typedef struct sgs_image8 {
     uint8_t *pixels; // 64-byte aligned
 } sgs_image8;
 
-// Colour space in which photographs are compared, and therefore of trained colours: display-encoded
+// Colour space in which photos are compared, and therefore of trained colours: display-encoded
 // sRGB or linear light.
 typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
 
@@ -38,7 +38,7 @@ typedef struct sgs_model_colors {
     double white_point; // linear light that maps to 1 in them, > 0; 0 = unknown
 } sgs_model_colors;
 
-// A photograph prepared for training: planes as in sgs_image8, 3 or 4 channels, colours in the
+// A photo prepared for training: planes as in sgs_image8, 3 or 4 channels, colours in the
 // scene's space, and a valid mask. Invalid are pixels that are masked, have no ray, or have NaN or
 // infinite values.
 //
@@ -69,7 +69,7 @@ static inline bool sgs_mask_is_valid(const uint16_t *valid_mask, int width, int 
            (valid_mask[(size_t)y * sgs_mask_words(width) + (size_t)x / 16] >> x % 16 & 1);
 }
 
-// Reads a photograph as 3 or 4 planes of 8 bits (grey becomes RGB, 16 bits are rounded). Release it
+// Reads a photo as 3 or 4 planes of 8 bits (grey becomes RGB, 16 bits are rounded). Release it
 // with sgs_image8_free. Fails with IO, FORMAT (not an image, truncated), UNSUPPORTED, LIMIT (size),
 // OUT_OF_MEMORY or INTERNAL (OpenImageIO); image->pixels is then NULL and the error names the file.
 SGS_API sgs_status sgs_image8_read(const char *path, sgs_image8 *image);
@@ -91,11 +91,11 @@ SGS_API void sgs_image8_free(sgs_image8 *image);
 SGS_API float sgs_srgb_encode(float linear);
 SGS_API float sgs_srgb_decode(float encoded);
 
-// Value at index `at` of a photograph's planes (plane * width * height + pixel), in the
-// photograph's space: 8-bit values scaled to [0, 1], or half floats. No bounds check.
+// Value at index `at` of a photo's planes (plane * width * height + pixel), in the
+// photo's space: 8-bit values scaled to [0, 1], or half floats. No bounds check.
 SGS_API float sgs_photo_value(const sgs_photo *photo, size_t at);
 
-// Frees a photograph of sgs_scene_photo_read and zeroes the struct; accepts an empty one.
+// Frees a photo of sgs_scene_photo_read and zeroes the struct; accepts an empty one.
 SGS_API void sgs_photo_free(sgs_photo *photo);
 
 // Writes planar 8-bit grey, RGB or RGBA (1, 3 or 4 channels) as PNG. Fails with INVALID_ARGUMENT

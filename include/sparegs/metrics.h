@@ -85,9 +85,9 @@ SGS_API sgs_status sgs_lpips_distance(const sgs_lpips *lpips, sgs_lpips_input in
                                       const uint16_t *valid_mask, double *distance);
 
 // Sharpness of a render: the energy (sum of squares) of the 5-point Laplacian of its luma (0.299,
-// 0.587, 0.114), relative to that of the photograph. 1 = as much detail as the photograph, below 1
+// 0.587, 0.114), relative to that of the photo. 1 = as much detail as the photo, below 1
 // = blurred, above 1 = noisier. Counts pixels that are valid and have four valid neighbours. NaN if
-// sizes differ or the photograph has no detail (energy 0).
+// sizes differ or the photo has no detail (energy 0).
 SGS_API double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo,
                              const uint16_t *valid_mask);
 

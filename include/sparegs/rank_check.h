@@ -3,7 +3,7 @@
 #pragma once
 
 // Lines "what: value" and digests that a program passes to sgs_ranks_compare before its ranks
-// divide work: of the program itself, a camera, a photograph and a file. Training makes its own
+// divide work: of the program itself, a camera, a photo and a file. Training makes its own
 // comparison (sgs_trainer_ranks_set).
 //
 // Threads: all functions may be called from any thread at any time.

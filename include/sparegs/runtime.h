@@ -28,7 +28,7 @@ typedef enum sgs_isa {
 // own team of this size. Results do not depend on it.
 SGS_API void sgs_threads_set(int count);
 SGS_API int sgs_threads_get(void);
-// Number of cores in the affinity mask, or the CPU quota of the control group (container, batch
+// Number of cores in the affinity mask, or the CPU quota of the cgroup (container, batch
 // job), rounded up, if that is smaller.
 SGS_API int sgs_cores(void);
 

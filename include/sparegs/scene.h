@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Data sets for training: views (camera, pose, photograph), the sparse point cloud and the split,
+// Data sets for training: views (camera, pose, photo), the sparse point cloud and the split,
 // from files (COLMAP, binary or text; NeRF/nerfstudio transforms) or from the caller's memory. The
 // only file it writes is cameras.json.
 //
 // Threads: sgs_scene_load, sgs_scene_create and calls on different scenes may run at the same time.
 // On one scene, sgs_scene_photo and sgs_scene_prefetch take one call at a time: only one trainer at
-// a time may use a scene whose photographs exceed options.image_cache. A scene is otherwise
+// a time may use a scene whose photos exceed options.image_cache. A scene is otherwise
 // read-only; sgs_scene_photo_read may be called by any thread at any time.
 
 #include <stdbool.h>
@@ -31,7 +31,7 @@ typedef enum sgs_scene_format {
     SGS_SCENE_MEMORY // sgs_scene_create
 } sgs_scene_format;
 
-// Meaning of an alpha channel. Over: photographs are composited over the background, so that
+// Meaning of an alpha channel. Over: photos are composited over the background, so that
 // transparent pixels train transparency. Mask: pixels with alpha below 0.5 are invalid, the others
 // opaque. Ignore: all pixels are opaque.
 typedef enum sgs_alpha { SGS_ALPHA_OVER = 0, SGS_ALPHA_MASK = 1, SGS_ALPHA_IGNORE = 2 } sgs_alpha;
@@ -43,7 +43,7 @@ typedef struct sgs_view {
     sgs_camera camera; // at the size of `image`, after down-scaling
     sgs_pose pose;
     sgs_split split; // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
-    // Width 0 without load_images. No pixels if the photograph is in the image cache: call
+    // Width 0 without load_images. No pixels if the photo is in the image cache: call
     // sgs_scene_photo.
     sgs_photo image;
     // Exif orientation of the image file, 1 to 8; 0 = not read. Not applied: pixels, camera and
@@ -76,12 +76,12 @@ typedef struct sgs_scene_options {
     // declares; without a declaration floats are linear, integers sRGB.
     const char *colorspace;
     sgs_space space; // of loss, trained colours and metrics
-    // Memory for decoded photographs in bytes; 0 = unlimited, all are kept.
+    // Memory for decoded photos in bytes; 0 = unlimited, all are kept.
     size_t image_cache;
     // Linear light that maps to 1; 0 = the 99th percentile if any file is linear, else 1. It is
-    // measured in at most 16 photographs, and without load_images only with measure_white_point.
+    // measured in at most 16 photos, and without load_images only with measure_white_point.
     double white_point;
-    // Do not look for the photographs of cameras whose size the model gives. Requires load_images
+    // Do not look for the photos of cameras whose size the model gives. Requires load_images
     // false.
     bool cameras_only;
     // Exact names of held-out views, replacing test_every and test_images, for example as recorded
@@ -103,7 +103,7 @@ typedef struct sgs_scene_options {
     // With load_images false: measure the white point even so, as described at white_point.
     bool measure_white_point;
     // With cameras_only: size in pixels, before downscaling, of views without a size in the camera
-    // file or a readable photograph. 0 = such views are skipped.
+    // file or a readable photo. 0 = such views are skipped.
     int view_width, view_height;
 } sgs_scene_options;
 
@@ -123,13 +123,13 @@ typedef struct sgs_scene {
     size_t images_unposed; // files in the image folder without a pose (ignored)
     size_t masks;          // views with a mask file, also if it excludes every pixel
     size_t pixels_broken;  // pixels with NaN or infinite values; they are invalid
-    size_t photo_bytes;    // size of all photographs when decoded; 0 with cameras_only
-    struct sgs_scene_store *store; // internal: the image cache; NULL = all photographs are in views
-    sgs_space space;               // of photographs and trained colours
+    size_t photo_bytes;    // size of all photos when decoded; 0 with cameras_only
+    struct sgs_scene_store *store; // internal: the image cache; NULL = all photos are in views
+    sgs_space space;               // of photos and trained colours
     double white_point;            // linear light that maps to 1; 1 if no file is linear
-    size_t linear_images;          // photographs in linear light, which white_point applies to
-    size_t float_images;           // photographs kept in half floats: HDR, 16-bit, linear space
-    bool has_alpha;                // some photograph has an alpha channel, regardless of `alpha`
+    size_t linear_images;          // photos in linear light, which white_point applies to
+    size_t float_images;           // photos kept in half floats: HDR, 16-bit, linear space
+    bool has_alpha;                // some photo has an alpha channel, regardless of `alpha`
     bool white_background;         // NeRF synthetic convention: white unless the caller sets it
     double center[3];              // mean of the training camera centres, world
     // World units, > 0: 1.1 times the largest distance of a training camera to the centre
@@ -137,7 +137,7 @@ typedef struct sgs_scene {
     // to the centre, or 1.
     double extent;
     // Identifies the names and poses of all views and the sparse points; independent of the size of
-    // the photographs.
+    // the photos.
     uint64_t digest;
     char *colorspace; // options.colorspace, or NULL
     sgs_alpha alpha;  // options.alpha
@@ -147,13 +147,13 @@ typedef struct sgs_scene {
 // unreadable images are skipped with a warning and counted. A view whose mask excludes every pixel
 // is dropped. A scene may have no points.
 //
-// Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photograph's extension),
-// MASKS/STEM_mask.png and STEM_mask.png next to the photograph. White (mean of the channels >= 128)
-// is valid. A pixel of a down-scaled photograph is valid if its whole area is.
+// Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
+// MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the channels >= 128)
+// is valid. A pixel of a down-scaled photo is valid if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
 // is missing, or no image is readable), FORMAT (invalid file, or a mask whose size differs from its
-// photograph), UNSUPPORTED (for example a camera model), OUT_OF_MEMORY or CANCELLED. The error
+// photo), UNSUPPORTED (for example a camera model), OUT_OF_MEMORY or CANCELLED. The error
 // names file, place and fix. On failure *scene is NULL.
 SGS_API sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options,
                                   sgs_scene **scene);
@@ -174,7 +174,7 @@ typedef struct sgs_view_source {
     sgs_split split; // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
     sgs_pixel_type pixel_type;
     int channels; // 3 (RGB) or 4 (RGBA)
-    // The upper left pixel. NULL = a view without a photograph: excluded from training and metrics.
+    // The upper left pixel. NULL = a view without a photo: excluded from training and metrics.
     const void *pixels;
     // Bytes from one channel, pixel or row to the next (rows from top to bottom); may be negative.
     // 0 = packed: the channels of a pixel are adjacent. An sgs_image8 has channel_stride width *
@@ -202,13 +202,13 @@ SGS_API sgs_status sgs_scene_create(const sgs_view_source *views, size_t view_co
 // Frees the scene and everything in it. Accepts NULL.
 SGS_API void sgs_scene_destroy(sgs_scene *scene);
 
-// The photograph of view `index`, decoded if it is not in memory. Owned by the scene; valid until
+// The photo of view `index`, decoded if it is not in memory. Owned by the scene; valid until
 // the next call for this scene; one thread at a time. Fails like sgs_scene_load if the file was
 // removed or changed, and with INVALID_ARGUMENT for an index that is out of range; *photo is then
 // NULL.
 SGS_API sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const sgs_photo **photo);
 
-// Decodes the photograph of view `index` for the caller, area-averaged to width x height pixels, at
+// Decodes the photo of view `index` for the caller, area-averaged to width x height pixels, at
 // most the size of its file: the values of sgs_scene_photo at the size of the view's camera, also
 // for scenes without load_images. Without masks: valid_mask is NULL, all pixels are kept. Neither
 // uses nor changes the image cache, so any thread may call it while a trainer uses the scene.
@@ -218,7 +218,7 @@ SGS_API sgs_status sgs_scene_photo(const sgs_scene *scene, size_t index, const s
 SGS_API sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, int width, int height,
                                         sgs_photo *photo);
 
-// Hint that sgs_scene_photo will soon be called for this view: a thread decodes the photograph in
+// Hint that sgs_scene_photo will soon be called for this view: a thread decodes the photo in
 // advance, unless it is in memory. Cannot fail.
 SGS_API void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
 

@@ -40,7 +40,7 @@ SGS_API const char *sgs_status_text(sgs_status status);
 // the library; valid until the next failing call on the same thread.
 SGS_API const char *sgs_last_error(void);
 
-// Progress of a long call: `done` of `total` steps. Calls come one at a time, but perhaps from a
+// Progress of a long call: `done` of `total` steps. Calls are serialised, but may come from a
 // thread of the library; they must not call the library on the objects in use. Returning false
 // cancels: the long call ends soon and fails with SGS_STATUS_CANCELLED.
 typedef bool (*sgs_progress_fn)(void *user, size_t done, size_t total);

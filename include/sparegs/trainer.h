@@ -149,7 +149,7 @@ typedef struct sgs_train_options {
     double compact_box;      // as in sgs_render_options; 1
     sgs_optimizer optimizer; // auto
     int sh_degree;           // 0..3; 3
-    float background[3];     // in the space of the photographs; black
+    float background[3];     // in the space of the photos; black
     bool background_random;  // a new colour per iteration instead; false
     // Maximum number of primitives, also of the initial model; 0 = none. MCMC: 0 = 10 times the
     // initial number, at most 1 000 000 and at least the initial number.
@@ -176,17 +176,17 @@ typedef struct sgs_train_options {
     const sgs_gaussians *init; // copied; start from it instead of the point cloud; NULL
     // lambda of the loss (1 - lambda) L1 + lambda (1 - SSIM) (Kerbl et al. 2023, equation 7).
     // Below 0: 0.2 as published, and up to 0.4 in scaled runs of less than 30 000 iterations on
-    // large photographs with SGS_PIPELINE_3DGS, SGS_PIPELINE_MIP or SGS_PIPELINE_FASTGS; -1.
+    // large photos with SGS_PIPELINE_3DGS, SGS_PIPELINE_MIP or SGS_PIPELINE_FASTGS; -1.
     double ssim_weight;
     // Standard deviation of the Gaussian window of that SSIM, pixels, at most 3. 0: 1.5 as
     // published, and down to 1 in the runs above; 0.
     double ssim_sigma;
-    // Weight of the loss |alpha - alpha of the photograph|, mean over pixels; 0 = none.
+    // Weight of the loss |alpha - alpha of the photo|, mean over pixels; 0 = none.
     double alpha_loss;
     // Learn an affine colour map per training image (exposure compensation of 3DGS); false.
     bool exposure;
     size_t random_points; // size of the random cloud; 0 = sgs_train_random_points
-    // The alpha loss treats photographs without an alpha channel as opaque: the model covers every
+    // The alpha loss treats photos without an alpha channel as opaque: the model covers every
     // pixel that is not masked. Requires alpha_loss > 0, and works best with background_random;
     // false.
     bool opaque;
@@ -195,9 +195,9 @@ typedef struct sgs_train_options {
     // targets of pipelines, quotas and checks of SPARE-GS) exclude them. A centre that would leave
     // the box is clamped to it. All SH bands are used from the first iteration on.
     //
-    // Photographs are replaced by a mixture with the rendering of init, so that adjoining regions
+    // Photos are replaced by a mixture with the rendering of init, so that adjoining regions
     // together correct each error once (src/train/region_targets.c). The mixtures are kept in
-    // memory in addition to the photographs. Requires init; with exposure the photographs are used.
+    // memory in addition to the photos. Requires init; with exposure the photos are used.
     sgs_box region;
     // Fraction of the primitives that lie outside the region grid of SPARE-GS at either end of each
     // axis, at most 0.25; they belong to the outermost voxels. 0: the grid covers all primitives,
@@ -243,7 +243,7 @@ typedef struct sgs_step_info {
     size_t view;         // index into scene->views
     double loss;         // of this view; lambda: sgs_train_milestones.ssim_weight
     double loss_average; // EMA, bias-corrected
-    double psnr_average; // EMA over training views, dB; unquantised image against photograph
+    double psnr_average; // EMA over training views, dB; unquantised image against photo
     size_t gaussians;    // after the step
     size_t visible;      // primitives with a gradient, that is a counted hit; 0 in a skipped step
     // A structural update preceded this iteration; the fields below are valid.
@@ -292,8 +292,8 @@ typedef struct sgs_regions {
 typedef struct sgs_trainer sgs_trainer;
 
 // Estimate of the memory, in bytes, of a training of this scene with `gaussians` primitives; it
-// includes photographs and the program itself and is not a bound. The scene's images need not be
-// loaded. image_cache as in sgs_scene_options, 0 = all photographs in memory. options NULL = the
+// includes photos and the program itself and is not a bound. The scene's images need not be
+// loaded. image_cache as in sgs_scene_options, 0 = all photos in memory. options NULL = the
 // defaults. Returns 0 for options of an unknown size; cannot fail otherwise.
 SGS_API size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
                                 size_t image_cache, size_t gaussians);
@@ -320,7 +320,7 @@ SGS_API void sgs_trainer_destroy(sgs_trainer *trainer); // accepts NULL
 // `ranks` must outlive the trainer. sgs_trainer_step is then collective. Every rank keeps a part of
 // the rows with their moments, and traces and differentiates its own part of every image. Fails
 // with OUT_OF_MEMORY, or INVALID_ARGUMENT if a rank differs from rank 0 in version, options, views,
-// photographs or arithmetic; the trainer can then only be destroyed. Collective.
+// photos or arithmetic; the trainer can then only be destroyed. Collective.
 SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks);
 
 // Limits the memory of the process to `bytes`; 0 = no limit. A step whose structural update would
@@ -334,7 +334,7 @@ SGS_API void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, si
 // next call: between calls the model is the one that the iteration trained, as the published
 // trainers save it.
 //
-// If a photograph cannot be read, the step fails as sgs_scene_photo does and may be repeated (the
+// If a photo cannot be read, the step fails as sgs_scene_photo does and may be repeated (the
 // structural update may have been made: see info->structural). After any other failure call
 // sgs_trainer_is_consistent; if it is false, further calls fail with INVALID_ARGUMENT.
 SGS_API sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info);
@@ -373,7 +373,7 @@ SGS_API const float *sgs_trainer_filter_3d(const sgs_trainer *trainer);
 // The functions below cannot fail.
 
 // Milestones and settings that follow from the options, the number of training views, and the size
-// of their photographs. Iterations count from 1.
+// of their photos. Iterations count from 1.
 typedef struct sgs_train_milestones {
     int densify_from, densify_until, densify_interval; // structural updates; all 0 = none
     int thin_until;          // last prune-only update after densify_until; 0 = none
@@ -427,7 +427,7 @@ SGS_API sgs_status sgs_trainer_save_checkpoint(const sgs_trainer *trainer, const
 //
 // Fails with IO or FORMAT (damaged file), UNSUPPORTED (written by another version),
 // INVALID_ARGUMENT (options or training views differ; the error names the first); the trainer is
-// then unchanged. After OUT_OF_MEMORY, or an unreadable photograph, see sgs_trainer_is_consistent.
+// then unchanged. After OUT_OF_MEMORY, or an unreadable photo, see sgs_trainer_is_consistent.
 // Collective: rank 0 reads the file, other ranks ignore `path`; a failure is that of all ranks, and
 // their next calls fail, too.
 SGS_API sgs_status sgs_trainer_load_checkpoint(sgs_trainer *trainer, const char *path);

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// CPU and memory limits of the Linux control groups of this process. Containers, batch systems and
+// CPU and memory limits of the Linux cgroups of this process. Containers, batch systems and
 // systemd units set limits there that neither the affinity mask nor the size of the machine shows.
 
 typedef struct sgsi_group_limits {

@@ -229,7 +229,8 @@ sgs_status sgsi_file_read(const char *path, size_t limit, uint8_t **bytes, size_
     uint8_t *block = sgsi_alloc(length + 1, 1);
     if (!block) {
         fclose(stream);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its %zu bytes", path, length);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for its %zu bytes", path,
+                         length);
     }
     const size_t got = fread(block, 1, length, stream);
     fclose(stream);
@@ -264,7 +265,7 @@ sgs_status sgsi_make_folder(const char *path)
 {
     char *partial = sgsi_strdup(path);
     if (!partial)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to create it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to create it", path);
     for (char *at = partial + (*partial != 0);; ++at) { // behind the '/' of an absolute path
         if (*at != '/' && *at != 0)
             continue;
@@ -302,7 +303,7 @@ sgs_status sgsi_temporary_create(const char *path, const char *shown, char **nam
     for (int k = 0; k < TRIALS; ++k) {
         *name = temporary_name(path);
         if (!*name)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", shown);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", shown);
         const int result = descriptor ? open(*name, O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666)
                                       : mkdir(*name, 0777);
         if (result >= 0 && descriptor)

@@ -41,7 +41,7 @@ sgs_status sgs_output_file_open(sgs_output_file *file, const char *path)
     int descriptor = -1;
     file->path = sgsi_strdup(path);
     if (!file->path || !file->target)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     else
         status = sgsi_temporary_create(file->target, path, &file->temporary, &descriptor);
     file->stream = status ? NULL : fdopen(descriptor, "wb");

@@ -30,7 +30,7 @@ sgs_status sgsi_roots_add(sgsi_roots *roots, const char *folder)
     void *grown = roots->path;
     if (!sgsi_grow(&grown, roots->count, roots->count + 1, sizeof *roots->path)) {
         free(real);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its path", folder);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for its path", folder);
     }
     roots->path = grown;
     roots->path[roots->count++] = real;
@@ -52,9 +52,10 @@ sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path)
         free(real);
         return SGS_STATUS_OK;
     }
-    const sgs_status status = sgsi_fail(
-        SGS_STATUS_FORMAT, "%s: a link leads out of the data set, to %s; replace it by the file",
-        path, real);
+    const sgs_status status =
+        sgsi_fail(SGS_STATUS_FORMAT,
+                  "%s: symbolic link points outside the data set, to %s; replace it with the file",
+                  path, real);
     free(real);
     return status;
 }

@@ -72,7 +72,7 @@ sgs_status sgsi_sections_create(sgsi_sections *sections, const char *path)
     sections->hash = XXH64_createState();
     if (!sections->hash) {
         sgs_output_file_abort(&sections->file);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     }
     XXH64_reset(sections->hash, 0);
     char header[HEADER_BYTES] = {0};
@@ -187,7 +187,8 @@ static sgs_status prove_checksum(const sgsi_sections *sections, size_t size)
     XXH64_state_t *hash = XXH64_createState();
     sgs_status status = SGS_STATUS_OK;
     if (!chunk || !hash)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", sections->path);
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", sections->path);
     else
         XXH64_reset(hash, 0);
     for (size_t at = 0; at < size && !status;) {
@@ -263,7 +264,7 @@ sgs_status sgsi_sections_find(sgsi_sections *sections, const char *name, const u
     if (!section->content) {
         uint8_t *block = sgsi_alloc(section->bytes + 1, 1);
         if (!block)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for section '%s'",
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for section '%s'",
                              sections->path, name);
         const sgs_status status = read_at(sections, section->at, block, section->bytes);
         if (status) {

@@ -180,8 +180,8 @@ sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks)
     if (!made || failing >= 0) {
         free_ranks(made);
         transport->close(transport->state);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "rank %d: no memory for %d ranks", failing,
-                         transport->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "rank %d: not enough memory for %d ranks",
+                         failing, transport->count);
     }
     if (gethostname(made->node, sizeof made->node - 1))
         snprintf(made->node, sizeof made->node, "unknown node");
@@ -268,8 +268,8 @@ static sgs_status reserve_got(sgs_ranks *ranks, size_t bytes)
 {
     return reserve(&ranks->got, &ranks->got_capacity, bytes ? bytes : 1)
                ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu bytes of other ranks",
-                           bytes);
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "not enough memory for %zu bytes of other ranks", bytes);
 }
 
 // ---- Data ----
@@ -357,7 +357,7 @@ sgs_status sgsi_ranks_deliver(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpos
     uint64_t few[FEW], *row = count > FEW ? sgsi_alloc(count, sizeof *row) : few;
     uint64_t sent = 0, messages = 0;
     if (!row && !own)
-        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", count);
+        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu ranks", count);
     const header mine = {.status = (int32_t)own, .kind = KIND_DELIVER};
     sgs_status status = meet(ranks, purpose, mine, NULL);
     for (size_t r = 0; r < count && !status; ++r) {
@@ -440,7 +440,8 @@ sgs_status sgs_ranks_collect(sgs_ranks *ranks, sgs_status own, const void *bytes
     unsigned char *room = own ? NULL : sgsi_ranks_room(ranks, sent);
     size_t *sizes = sgsi_calloc(2 * count, sizeof *sizes); // to and from each rank
     if (!own && (!room || !sizes))
-        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu bytes to rank 0", size);
+        own =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu bytes to rank 0", size);
     if (own) {
         sgsi_free(sizes);
         return sgs_ranks_agree(ranks, own);
@@ -471,9 +472,10 @@ sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **bytes, s
         return status;
     *size = sizes[0];
     void *fresh = rank ? malloc(*size + 1) : *bytes;
-    status = sgs_ranks_agree(ranks, fresh || !rank ? SGS_STATUS_OK
-                                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                                               "no memory for %zu bytes", *size));
+    status = sgs_ranks_agree(
+        ranks, fresh || !rank
+                   ? SGS_STATUS_OK
+                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu bytes", *size));
     if (status) {
         if (rank)
             free(fresh);

@@ -81,7 +81,7 @@ sgs_status sgsi_rows_gather(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose 
     void *message = own ? NULL : sgsi_ranks_room(ranks, sgsi_ranks_padded(bytes));
     size_t *begin = sgsi_alloc((size_t)count, sizeof *begin);
     if (!own && (!message || !begin))
-        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu bytes", bytes);
+        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to send %zu bytes", bytes);
     if (!own && bytes)
         memcpy(message, array->own, bytes);
     const unsigned char *got;
@@ -109,7 +109,7 @@ static sgs_status open_stream(const sgsi_row_array *array, int rank, int ranks, 
     if (!rank)
         s->ordered = sgsi_alloc(most, 1);
     if (!s->to || (!rank && !s->ordered))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu bytes", most);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to send %zu bytes", most);
     s->from = s->to + ranks;
     s->begin = s->from + ranks;
     return SGS_STATUS_OK;
@@ -148,7 +148,7 @@ sgs_status sgsi_rows_collect(sgs_ranks *ranks, sgs_status own, const sgsi_row_ar
         const size_t bytes = piece_bytes(array, w, rank, count);
         void *message = sgsi_ranks_room(ranks, s.to[0]);
         if (!message)
-            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu bytes", bytes);
+            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to send %zu bytes", bytes);
         else if (bytes)
             memcpy(message, (char *)array->own + piece_begin(array, w.first, count), bytes);
         const unsigned char *got;
@@ -175,7 +175,7 @@ sgs_status sgsi_rows_distribute(sgs_ranks *ranks, sgs_status own, const sgsi_row
         const size_t total = measure(array, w, rank, count, s.from, s.to, s.begin);
         unsigned char *message = sgsi_ranks_room(ranks, total);
         if (!message)
-            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu bytes", total);
+            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to send %zu bytes", total);
         if (!rank && !own) {
             give(context, s.ordered, window_bytes(array, w));
             interleave(array, w, count, message, s.begin, s.ordered, true);

@@ -54,8 +54,8 @@ sgs_status sgsi_router_create(int ranks, sgsi_router **router)
 {
     *router = sgsi_calloc(1, sizeof **router);
     if (!*router)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send primitives to %d ranks",
-                         ranks);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory to send primitives to %d ranks", ranks);
     (*router)->ranks = ranks;
     return SGS_STATUS_OK;
 }
@@ -138,8 +138,8 @@ sgs_status sgsi_router_set(sgsi_router *router, const sgsi_cone *cones, size_t c
     router->count = 0;
     if (2 * cells > router->capacity) {
         if (!sgsi_grow((void **)&router->nodes, 0, 2 * cells, sizeof *router->nodes))
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the cones of %zu cells",
-                             cells);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory for the cones of %zu cells", cells);
         router->capacity = 2 * cells;
     }
     router->cones = cones;
@@ -269,7 +269,8 @@ static sgs_status reserve_lists(sgsi_send_lists *lists, size_t chunks, int ranks
     }
     lists->ranks = done ? ranks : lists->ranks;
     return done ? SGS_STATUS_OK
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %d ranks", ranks);
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the lists of %d ranks",
+                            ranks);
 }
 
 sgs_status sgsi_send_lists_make(sgsi_send_lists *lists, const uint64_t *found, size_t rows,
@@ -287,7 +288,8 @@ sgs_status sgsi_send_lists_make(sgsi_send_lists *lists, const uint64_t *found, s
     if (total > lists->capacity) {
         const size_t larger = total + total / 4;
         if (!sgsi_grow((void **)&lists->places, 0, larger, sizeof *lists->places))
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu primitives", total);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to send %zu primitives",
+                             total);
         lists->capacity = larger;
     }
     job.fills = true;

@@ -10,7 +10,7 @@ void sgsi_pack_cells(sgsi_packer *out, const uint64_t *cells, size_t count)
 {
     uint8_t *bytes = sgsi_alloc(count, GROUP_BYTES);
     if (!bytes) {
-        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu cells", count);
+        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu cells", count);
         return;
     }
     size_t size = 0;
@@ -35,7 +35,8 @@ sgs_status sgsi_unpack_cells(sgsi_container *in, size_t count, int bits, bool di
     bool valid = count <= size;
     *cells = valid ? sgsi_alloc(count, sizeof **cells) : NULL;
     if (valid && !*cells)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu cells", in->path, count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for %zu cells", in->path,
+                         count);
     const uint64_t end = UINT64_C(1) << bits;
     uint64_t code = 0;
     for (size_t i = 0; i < count && valid; ++i) {

@@ -144,7 +144,7 @@ static sgs_status copy_rows(const sgs_gaussians *model, float **rows)
     const size_t count = model->count;
     *rows = sgsi_alloc(count, SGS_PARAM_COUNT * sizeof **rows);
     if (!*rows)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", count);
     for (size_t i = 0; i < count; ++i) {
         float *row = *rows + i * SGS_PARAM_COUNT;
         sgs_gaussians_get(model, i, row);

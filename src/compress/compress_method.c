@@ -14,7 +14,7 @@ sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stag
     const sgs_compress_options *options = job->options;
     if (!options->progress || options->progress(options->progress_user, stage, done, total))
         return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_CANCELLED, "the compression was cancelled");
+    return sgsi_fail(SGS_STATUS_CANCELLED, "compression was cancelled");
 }
 
 void sgsi_warn_about_cells(const sgsi_compress_job *job, const float low[3], const float high[3],
@@ -49,7 +49,8 @@ void sgsi_pack_floats(sgsi_packer *out, const char *name, const float *rows, siz
 {
     float *planes = sgsi_alloc(count * (size_t)param_count + 1, sizeof *planes);
     if (!planes) {
-        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", count);
+        out->status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", count);
         return;
     }
     for (size_t k = 0; k < (size_t)param_count; ++k)

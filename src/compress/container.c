@@ -83,8 +83,8 @@ void sgsi_packer_add(sgsi_packer *packer, const char *name, const void *data, si
         section->stored = bytes;
         section->data = sgsi_alloc(bytes + 1, 1);
         if (!section->data) {
-            packer->status =
-                sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu bytes of a file", bytes);
+            packer->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                       "not enough memory for %zu bytes of a file", bytes);
             return;
         }
         if (bytes)
@@ -132,7 +132,7 @@ sgs_status sgsi_packer_write(sgsi_packer *packer, const char *path, size_t *byte
     if (!packer->status && file_bytes(packer) < least) {
         uint8_t *zeros = sgsi_calloc(least, 1);
         if (!zeros)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
         sgsi_packer_add(packer, padding_name, zeros, least, false);
         sgsi_free(zeros);
     }
@@ -312,7 +312,7 @@ static sgs_status inflate(const sgsi_container *container, sgsi_container_sectio
     sgsi_free(section->data);
     section->data = NULL;
     if (!memory)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for section '%s'",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for section '%s'",
                          container->path, section->name);
     return sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' does not inflate to %zu bytes",
                      container->path, section->name, section->bytes);

@@ -40,7 +40,7 @@ static double rate_of(int param)
                                        : 2.5e-3 / 20;
 }
 
-// The teacher's render, composited over the background, as a photograph.
+// The teacher's render, composited over the background, as a photo.
 static sgs_status render_teacher(distilling *d, const sgs_camera *camera, const sgs_pose *pose,
                                  sgs_photo *photo)
 {
@@ -51,7 +51,7 @@ static sgs_status render_teacher(distilling *d, const sgs_camera *camera, const 
         sgsi_free(d->halves);
         d->halves = sgsi_alloc(pixels, 3 * sizeof *d->halves);
         status = d->halves ? sgs_frame_create_with(camera->width, camera->height, 0, &d->frame)
-                           : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image");
+                           : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for an image");
     }
     if (!status)
         status = sgs_renderer_render(d->renderer, camera, pose, &d->job->render, &d->frame);
@@ -140,7 +140,7 @@ static sgs_status prepare(distilling *d)
     d->m = sgsi_calloc(d->student->count, TRAINED * sizeof *d->m);
     d->v = sgsi_calloc(d->student->count, TRAINED * sizeof *d->v);
     if (!d->m || !d->v)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to distil %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to distil %zu primitives",
                          d->student->count);
     return sgsi_view_gradient_create(d->job, d->student, &d->views);
 }

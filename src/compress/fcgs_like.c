@@ -106,7 +106,8 @@ static sgs_status walk_create(fcgs_walk *walk)
     walk->fits = sgsi_calloc(values, sizeof *walk->fits);
     walk->models = sgsi_calloc(values, sizeof *walk->models);
     if (!walk->nodes[0] || !walk->nodes[1] || !walk->fits || !walk->models)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", walk->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         walk->count);
     int level = 0;
     uint32_t count = number_nodes(walk, 0, walk->nodes[0]);
     while (level < POSITION_BITS && count > walk->count / CELL_PRIMITIVES + 1)
@@ -119,7 +120,8 @@ static sgs_status walk_create(fcgs_walk *walk)
         walk->sums[k] = sgsi_calloc(walk->nodes_count[k], values * sizeof(int64_t));
         walk->squares[k] = sgsi_calloc(walk->nodes_count[k], values * sizeof(int64_t));
         if (!walk->counts[k] || !walk->sums[k] || !walk->squares[k])
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", walk->count);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                             walk->count);
     }
     return SGS_STATUS_OK;
 }
@@ -371,7 +373,8 @@ static sgs_status encode_values(sgsi_compress_job *job, fcgs_walk *walk)
     walk_all(walk, WALK_ENCODE);
     sgsi_range_encode_end(&walk->encoder);
     if (walk->encoder.failed)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         job->count);
     sgsi_packer_add(job->out, "classes", starts,
                     (size_t)walk->value_count * CLASSES * sizeof *starts, true);
     sgsi_packer_add(job->out, "values", walk->encoder.bytes, walk->encoder.size, false);
@@ -396,7 +399,8 @@ static sgs_status encode(sgsi_compress_job *job)
     walk.values = sgsi_alloc(job->count, (size_t)walk.value_count * sizeof *walk.values);
     sgs_status status = SGS_STATUS_OK;
     if (!keys || !cells || !walk.values)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", job->count);
     if (!status) {
         set_bounds(job, &header);
         sgsi_warn_about_cells(job, header.low, header.high, POSITION_BITS);
@@ -459,8 +463,8 @@ static sgs_status decode_values(sgsi_container *in, fcgs_walk *walk)
                              "%s: section 'classes': entry %zu is not in [4, 251]", in->path, k);
     walk->values = sgsi_alloc(walk->count, (size_t)walk->value_count * sizeof *walk->values);
     if (!walk->values)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu primitives", in->path,
-                         walk->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for %zu primitives",
+                         in->path, walk->count);
     status = walk_create(walk);
     if (status)
         return status;

@@ -135,7 +135,7 @@ static sgs_status split_blocks(ghap_reduction *reduction, size_t count, size_t w
     sgsi_free(halves);
     sgsi_free(keys);
     if (!memory)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", count);
     return SGS_STATUS_OK;
 }
 
@@ -372,7 +372,7 @@ static sgs_status reduce_all(ghap_reduction *reduction, size_t wanted)
     }
     for (size_t b = 0; b < blocks; ++b)
         if (reduction->failed[b])
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to reduce the mixture");
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to reduce the mixture");
     return SGS_STATUS_OK;
 }
 
@@ -397,7 +397,8 @@ static sgs_status reduce(sgsi_compress_job *job, size_t wanted)
                                 .out = sgsi_alloc(job->count, SGS_PARAM_COUNT * sizeof(float))};
     sgs_status status = SGS_STATUS_OK;
     if (!reduction.points || !reduction.order || !reduction.out)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", job->count);
     if (!status) {
         make_points(&reduction);
         status = split_blocks(&reduction, job->count, wanted);
@@ -406,10 +407,10 @@ static sgs_status reduce(sgsi_compress_job *job, size_t wanted)
         reduction.targets = sgsi_calloc(reduction.blocks, sizeof *reduction.targets);
         reduction.results = sgsi_calloc(reduction.blocks, sizeof *reduction.results);
         reduction.failed = sgsi_calloc(reduction.blocks, sizeof *reduction.failed);
-        status =
-            reduction.targets && reduction.results && reduction.failed
-                ? reduce_all(&reduction, wanted)
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        status = reduction.targets && reduction.results && reduction.failed
+                     ? reduce_all(&reduction, wanted)
+                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                                 job->count);
     }
     if (!status)
         collect(&reduction, job);

@@ -88,7 +88,8 @@ static sgs_status blending_weights(const sgsi_compress_job *job, const sgs_gauss
     }
     sgs_contribution *sums = sgsi_alloc(model->count, sizeof *sums);
     if (!sums)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", model->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         model->count);
     const sgs_view_pass_options options = pass_options(job);
     const sgs_status status = sgs_contributions(model, job->options->scene, &options, sums);
     for (size_t i = 0; i < model->count && !status; ++i)

@@ -57,7 +57,8 @@ static void add_values(sgsi_packer *out, const char *name, const float *values, 
     }
     uint16_t *halves = sgsi_alloc(count + 1, sizeof *halves);
     if (!halves) {
-        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu values", count);
+        out->status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu values", count);
         return;
     }
     for (size_t i = 0; i < count; ++i)
@@ -104,7 +105,7 @@ static sgs_status training_create(light_training *t, size_t codes, size_t dim)
     t->nearest = sgsi_alloc(t->count + 1, sizeof *t->nearest);
     if (!status &&
         !(t->sizes && t->sums && t->slots && t->drawn && t->times && t->rows && t->nearest))
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a codebook");
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a codebook");
     if (status)
         return status;
     memset(t->slots, 0xff, t->count * sizeof *t->slots);
@@ -234,7 +235,8 @@ static sgs_status choose_quantised(const sgsi_compress_job *job, const double *i
 {
     score_key *keys = sgsi_alloc(job->count, sizeof *keys);
     if (!keys)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         job->count);
     for (size_t i = 0; i < job->count; ++i)
         keys[i] = (score_key){importance[i], (uint32_t)i};
     qsort(keys, job->count, sizeof *keys, by_score);
@@ -255,7 +257,7 @@ static void add_planes(const sgsi_compress_job *job, const char *name, int param
     size_t count = 0;
     if (!values) {
         job->out->status =
-            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", job->count);
         return;
     }
     for (int k = 0; k < param_count; ++k)
@@ -290,7 +292,7 @@ static void add_sections(const sgsi_compress_job *job, const light_training *t, 
     uint8_t *indices = sgsi_calloc(sgsi_bit_bytes(t->count, bits) + 1, 1);
     if (!mask || !indices) {
         job->out->status =
-            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", job->count);
     } else {
         for (size_t i = 0; i < job->count; ++i)
             sgsi_bits_put(mask, i, 1, exact[i]);
@@ -315,9 +317,9 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
 {
     bool *keep = sgsi_alloc(job->count, sizeof *keep);
     size_t kept = 0;
-    sgs_status status =
-        keep ? SGS_STATUS_OK
-             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+    sgs_status status = keep ? SGS_STATUS_OK
+                             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                         "not enough memory for %zu primitives", job->count);
     if (!status)
         status = sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, importance, job->count,
                                   sgsi_other_share(job->options->keep), keep, &kept);
@@ -356,7 +358,8 @@ static sgs_status encode(sgsi_compress_job *job)
     if (!status && job->options->finetune > 0 && !(job->options->keep < 1))
         sgsi_warn("option finetune has no effect on LightGaussian unless keep is below 1");
     if (!status && (!importance || !exact || !rows))
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", job->count);
     if (!status && job->options->keep < 1 && !job->options->scene)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "option keep requires a scene, which gives the importance");

@@ -29,7 +29,7 @@ sgs_status sgsi_meson_prepare(sgsi_meson *meson)
     meson->codes = sgsi_calloc(meson->count, (size_t)channels);
     meson->channels = sgsi_calloc(meson->count, (size_t)channels * sizeof *meson->channels);
     if (!meson->ranges || !meson->codes || !meson->channels)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu cells", meson->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu cells", meson->count);
     return sgsi_raht_create(meson->cells, meson->count, 3 * meson->depth, &meson->raht);
 }
 

@@ -207,7 +207,7 @@ sgs_status sgsi_meson_finetune(const sgsi_compress_job *job, sgsi_meson *meson, 
         t.d_codes = sgsi_calloc(codes + 1, sizeof *t.d_codes);
         if (!tuned_create(&t.cells, meson->values, meson->count * VALUES) ||
             !tuned_create(&t.codes, meson->codebook.codes, codes) || !t.best_ranges || !t.d_codes)
-            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to fine-tune %zu cells",
+            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to fine-tune %zu cells",
                                meson->count);
     }
     if (!status)

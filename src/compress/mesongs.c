@@ -44,10 +44,10 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
 {
     bool *keep = sgsi_alloc(job->count, sizeof *keep);
     size_t kept = 0;
-    sgs_status status =
-        keep ? sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, importance, job->count,
-                                sgsi_other_share(job->options->keep), keep, &kept)
-             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+    sgs_status status = keep ? sgs_prune_select(SGS_PRUNE_LIGHTGAUSSIAN, importance, job->count,
+                                                sgsi_other_share(job->options->keep), keep, &kept)
+                             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                         "not enough memory for %zu primitives", job->count);
     if (!status && kept) { // equal scores may remove all: keep all instead
         for (size_t i = 0, k = 0; i < job->count; ++i)
             if (keep[i])
@@ -126,14 +126,14 @@ static sgs_status build_octree(sgsi_compress_job *job, sgsi_meson *meson, double
     sgsi_free(rows);
     sgsi_free(scores);
     return memory ? SGS_STATUS_OK
-                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", n);
+                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", n);
 }
 
 static sgs_status set_values(const sgsi_compress_job *job, sgsi_meson *meson)
 {
     meson->values = sgsi_alloc(job->count, SGSI_MESON_VALUES * sizeof *meson->values);
     if (!meson->values)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu cells", job->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu cells", job->count);
     for (size_t i = 0; i < job->count; ++i) {
         const float *row = job->rows + i * SGS_PARAM_COUNT;
         float *v = meson->values + i * SGSI_MESON_VALUES;
@@ -212,7 +212,7 @@ static sgs_status train_codebook(const sgsi_compress_job *job, sgsi_meson *meson
                         .sums = sgsi_alloc(codes, dim * sizeof *t.sums),
                         .weights = sgsi_alloc(codes, sizeof *t.weights)};
     if (!status && !(t.slots && t.rows && t.times && t.nearest && t.sums && t.weights))
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a codebook");
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a codebook");
     const size_t steps = (size_t)job->options->vq_steps;
     double most = 0;
     if (!status) {
@@ -251,7 +251,8 @@ static void add_codebook(sgsi_packer *out, const sgsi_meson *meson)
     const size_t size = sgsi_bit_bytes(meson->count, bits);
     uint8_t *labels = sgsi_calloc(size, 1);
     if (!labels) {
-        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu cells", meson->count);
+        out->status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu cells", meson->count);
         return;
     }
     for (size_t i = 0; i < meson->count; ++i)
@@ -275,7 +276,8 @@ static void add_blocks(sgsi_packer *out, const sgsi_meson *meson)
         sgsi_packer_add(out, "block_scales", scales, count * sizeof *scales, true);
         sgsi_packer_add(out, "block_zeros", zeros, count, true);
     } else {
-        out->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu blocks", count);
+        out->status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu blocks", count);
     }
     sgsi_free(scales);
     sgsi_free(zeros);
@@ -326,9 +328,9 @@ static sgs_status encode(sgsi_compress_job *job)
                         .center = options->cell_center,
                         .blocks = (size_t)options->blocks};
     double *importance = sgsi_alloc(job->count, sizeof *importance);
-    status = importance
-                 ? sgsi_blending_importance(job, importance)
-                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+    status = importance ? sgsi_blending_importance(job, importance)
+                        : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                    "not enough memory for %zu primitives", job->count);
     if (!status)
         status = prune(job, importance);
     if (!status)
@@ -399,7 +401,7 @@ static sgs_status take_codebook(sgsi_container *in, sgsi_meson *meson)
     memcpy(meson->codebook.codes, codes, codes_count * dim * sizeof(float));
     meson->labels = sgsi_alloc(meson->count, sizeof *meson->labels);
     if (!meson->labels)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu cells", in->path,
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for %zu cells", in->path,
                          meson->count);
     for (size_t i = 0; i < meson->count; ++i) {
         meson->labels[i] = sgsi_bits_get(labels, i, bits);

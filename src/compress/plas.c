@@ -352,7 +352,8 @@ sgs_status sgsi_plas_sort(sgsi_plas *plas)
     sgsi_free(work.permutation);
     sgsi_free(work.distances);
     if (!memory)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", count);
-    return work.cancelled ? sgsi_fail(SGS_STATUS_CANCELLED, "the sorting was cancelled")
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to sort %zu primitives",
+                         count);
+    return work.cancelled ? sgsi_fail(SGS_STATUS_CANCELLED, "sorting was cancelled")
                           : SGS_STATUS_OK;
 }

@@ -25,7 +25,7 @@ sgs_status sgsi_raht_create(const uint64_t *cells, size_t count, int bits, sgsi_
     if (!raht->merges || !nodes) {
         sgsi_free(nodes);
         sgsi_raht_free(raht);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu cells", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu cells", count);
     }
     for (size_t i = 0; i < count; ++i)
         nodes[i] = (raht_node){cells[i], 1, (uint32_t)i};

@@ -144,7 +144,8 @@ static sgs_status choose_rows(const sgsi_compress_job *job, size_t count, uint32
 {
     opacity_key *keys = sgsi_alloc(job->count, sizeof *keys);
     if (!keys)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         job->count);
     for (size_t i = 0; i < job->count; ++i)
         keys[i] = (opacity_key){job->rows[i * SGS_PARAM_COUNT + SGS_PARAM_OPACITY], (uint32_t)i};
     qsort(keys, job->count, sizeof *keys, by_opacity);
@@ -194,7 +195,8 @@ static sgs_status sort_rows(sgsi_compress_job *job, size_t side, uint32_t *cells
     float *features = sgsi_calloc(count, SGSI_PLAS_CHANNELS * sizeof *features);
     sgs_status status = SGS_STATUS_OK;
     if (!chosen || !features)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", count);
+        status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to sort %zu primitives", count);
     if (!status)
         status = choose_rows(job, count, chosen);
     if (!status) {
@@ -322,7 +324,8 @@ static sgs_status encode(sgsi_compress_job *job)
     sog_header header = {.side = (uint32_t)side, .codec = (uint32_t)job->options->codec};
     uint32_t *cells = sgsi_alloc(side * side, sizeof *cells);
     if (!cells)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", job->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         job->count);
     prepare_rows(job);
     sgs_status status = sort_rows(job, side, cells);
     if (!status) {

@@ -16,7 +16,8 @@ sgs_status sgsi_view_gradient_create(const sgsi_compress_job *job, const sgs_gau
     views->render.progress = NULL;
     views->views = sgsi_alloc(scene->view_count + 1, sizeof *views->views);
     if (!views->views)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views",
+                         scene->view_count);
     for (size_t i = 0; i < scene->view_count; ++i)
         if (scene->views[i].split == SGS_SPLIT_TRAIN && scene->views[i].image.width)
             views->views[views->count++] = i;
@@ -59,8 +60,8 @@ static sgs_status reserve(sgsi_view_gradient *views, int width, int height)
     sgsi_free(views->planes);
     views->planes = sgsi_calloc(stride_of(width) * (size_t)height, 8 * sizeof(float));
     if (!views->planes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width,
-                         height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for images of %dx%d pixels",
+                         width, height);
     sgs_status status = sgs_frame_create_with(width, height, 0, &views->frame);
     if (!status)
         status = sgs_frame_create_with(width, height, 0, &views->d_frame);

@@ -27,7 +27,8 @@ sgs_status sgsi_codebook_create(size_t count, size_t dim, sgsi_codebook *codeboo
     if (codebook->codes && codebook->blocks && codebook->halves)
         return SGS_STATUS_OK;
     sgsi_codebook_free(codebook);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a codebook of %zu entries", count);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a codebook of %zu entries",
+                     count);
 }
 
 void sgsi_codebook_free(sgsi_codebook *codebook)

@@ -40,8 +40,8 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
         statistics->radius_max)
         return SGS_STATUS_OK;
     sgsi_statistics_free(statistics);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the statistics of %zu primitives",
-                     capacity);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "not enough memory for the statistics of %zu primitives", capacity);
 }
 
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
@@ -134,7 +134,7 @@ static sgs_status make_columns(size_t count, const sgsi_density_options *options
     free_columns(columns);
     *columns = (sgsi_density_columns){0};
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                     "no memory for a structural update of %zu primitives", count);
+                     "not enough memory for a structural update of %zu primitives", count);
 }
 
 typedef struct column_job {
@@ -260,7 +260,7 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
 {
     sgs_region *list = sgsi_calloc(found->region_count, sizeof *list);
     if (!list)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu regions",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu regions",
                          found->region_count);
     for (size_t r = 0; r < found->region_count; ++r) {
         const spare_region *from = &found->regions[r];
@@ -347,7 +347,8 @@ static sgs_status make_plan(const sgsi_density_columns *columns, size_t fixed,
     for (int k = 0; k < 2; ++k)
         plan->buffers[k] = sgsi_alloc(room, sizeof(sgsi_plan_entry));
     if (!plan->buffers[0] || !plan->buffers[1])
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the plan of a structural update");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the plan of a structural update");
     float low[3], inv_size[3];
     bounding_box(columns, low, inv_size);
     sgsi_plan_entry *entries = plan->buffers[0];

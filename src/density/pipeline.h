@@ -11,13 +11,13 @@
 #include "model/score_slots.h"
 #include "sparegs/trainer.h"
 
-// A rendered view: the photograph, and the mean over channels of |image - photograph|.
+// A rendered view: the photo, and the mean over channels of |image - photo|.
 typedef struct sgsi_scored_image {
     int width, height;
     size_t stride; // of error and weights
     const float *error;
     float error_min, error_max;
-    const uint8_t *pixels; // planes of the photograph over the background, [3][height][width]
+    const uint8_t *pixels; // planes of the photo over the background, [3][height][width]
 } sgsi_scored_image;
 
 // A rendered view with its sums per primitive.
@@ -60,7 +60,7 @@ typedef struct sgsi_pipeline {
     float opacity_ceiling; // after every structural update; 0 = none
     int small_images;      // the first images have about this many times fewer tiles; 0 = full size
     bool abs_grad;         // requires sums of absolute gradients
-    bool fine_growth;      // scaled runs use schedule.c's settings for large photographs
+    bool fine_growth;      // scaled runs use schedule.c's settings for large photos
     bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
     bool relocates;        // decide fills columns->moves; opacities are never reset
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,

@@ -86,7 +86,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     sgsi_free(left);
     sgsi_free(chosen);
     return status == SGS_STATUS_OUT_OF_MEMORY
-               ? sgsi_fail(status, "no memory to rank %zu primitives", c->count)
+               ? sgsi_fail(status, "not enough memory to rank %zu primitives", c->count)
                : status;
 }
 

@@ -20,7 +20,7 @@
 // contain actual hits only.
 //
 // Votes count pixels, also while the images are reduced (schedule.c), so fewer primitives grow
-// then. Votes by area were tried: at 2000 iterations on large photographs of two scenes, PSNR, SSIM
+// then. Votes by area were tried: at 2000 iterations on large photos of two scenes, PSNR, SSIM
 // and sharpness were lower (tools/experiments/schedules.md).
 //
 // SPARE-GS: w multiplies the gradients, or with sgs_spare_target the vote, or both. The native test
@@ -75,7 +75,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     }
     double *weight = sgsi_alloc(c->count ? c->count : 1, sizeof *weight);
     if (!weight)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw from %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to draw from %zu primitives",
                          c->count);
     decide_growth(options, c, result);
     for (size_t i = 0; i < c->count; ++i)

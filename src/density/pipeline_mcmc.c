@@ -149,7 +149,8 @@ static sgs_status divide_sources(chain_update *chain, size_t draws, uint64_t tag
     *drew = false;
     if (draws > chain->draws &&
         !sgsi_grow((void **)&chain->drawn, chain->draws, draws, sizeof *chain->drawn))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw %zu primitives", draws);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to draw %zu primitives",
+                         draws);
     chain->draws = draws > chain->draws ? draws : chain->draws;
     const uint64_t seed =
         sgsi_random_bits(chain->options->seed ^ tag, (uint64_t)chain->options->iteration);
@@ -277,8 +278,8 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     if (chain.weight && chain.dead && chain.gone && chain.times)
         status = move_rows(&chain, result);
     else
-        status =
-            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to relocate %zu primitives", c->count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to relocate %zu primitives",
+                           c->count);
     sgsi_free(chain.weight);
     sgsi_free(chain.dead);
     sgsi_free(chain.gone);

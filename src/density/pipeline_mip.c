@@ -26,7 +26,8 @@ static sgs_status upper_quantile(const float *values, size_t count, double share
 {
     float *sorted = sgsi_alloc(count ? count : 1, sizeof *sorted);
     if (!sorted)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to rank %zu primitives",
+                         count);
     for (size_t i = 0; i < count; ++i)
         sorted[i] = values[i] > 0.0f ? values[i] : 0.0f; // NaN: 0
     qsort(sorted, count, sizeof *sorted, by_value);

@@ -129,7 +129,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
     sgsi_free(d.chosen);
     sgsi_free(action);
     return status == SGS_STATUS_OUT_OF_MEMORY
-               ? sgsi_fail(status, "no memory to draw from %zu primitives", c->count)
+               ? sgsi_fail(status, "not enough memory to draw from %zu primitives", c->count)
                : status;
 }
 

@@ -64,7 +64,8 @@ sgs_status sgsi_draw_rows(const double *weight, size_t count, size_t draws, uint
     *drew = false;
     double *prefix = sgsi_alloc(count ? count : 1, sizeof *prefix);
     if (!prefix)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw from %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to draw from %zu primitives",
+                         count);
     double total = 0.0;
     size_t last = 0;
     for (size_t i = 0; i < count; ++i) {

@@ -10,7 +10,7 @@
 // E_0). Between levels the area is interpolated linearly. The scale in use is a whole number.
 //
 // The paper assumes one image size; here the images of the most frequent size define the mean
-// spectrum. Reduced photographs are rounded to 8 bits.
+// spectrum. Reduced photos are rounded to 8 bits.
 
 #include "density/resolution.h"
 
@@ -40,7 +40,8 @@ static sgs_status spectrum_create(int width, int height, sgsi_spectrum *spectrum
         return SGS_STATUS_OK;
     sgsi_spectrum_free(spectrum);
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                     "no memory for the spectrum of an image of %dx%d pixels", width, height);
+                     "not enough memory for the spectrum of an image of %dx%d pixels", width,
+                     height);
 }
 
 static void fill_table(sgsi_spectrum *s)
@@ -136,8 +137,8 @@ sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum)
         fill_table(spectrum);
     } else {
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                           "no memory for the spectrum of an image of %dx%d pixels", image->width,
-                           image->height);
+                           "not enough memory for the spectrum of an image of %dx%d pixels",
+                           image->width, image->height);
         sgsi_spectrum_free(spectrum);
     }
     sgsi_fourier_destroy(t.row);
@@ -412,6 +413,6 @@ sgs_status sgsi_image8_triangle(const sgs_image8 *image, const uint16_t *valid_m
         return SGS_STATUS_OK;
     sgsi_free(out->pixels);
     *out = (sgs_image8){0};
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels", width,
-                     height);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for an image of %dx%d pixels",
+                     width, height);
 }

@@ -3,7 +3,7 @@
 #pragma once
 
 // Resolution schedule of DashGaussian: the down-scaling of the images at each iteration, from the
-// energy of their spectra, and the corresponding reduction of a photograph. Independent of model
+// energy of their spectra, and the corresponding reduction of a photo. Independent of model
 // and rays.
 
 #include "sparegs/scene.h"

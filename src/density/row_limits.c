@@ -36,7 +36,7 @@ static sgs_status make_ranking(size_t count, ranking *r)
     if (r->score && r->candidate && r->chosen)
         return SGS_STATUS_OK;
     free_ranking(r);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", count);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to rank %zu primitives", count);
 }
 
 static sgs_status choose(const ranking *r, size_t count, size_t wanted)

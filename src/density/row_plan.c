@@ -214,7 +214,7 @@ static sgs_status move_rows(const gather_job *job, const sgsi_density_plan *plan
     size_t *to = sgsi_alloc(3 * ranks, sizeof *to), *from = to ? to + ranks : NULL,
            *begin = to ? from + ranks : NULL, total = 0;
     if (!to && !status)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu processes", ranks);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu processes", ranks);
     if (!status)
         count_moves(job, plan, peers, to, from);
     for (size_t r = 0; r < ranks && !status; ++r)
@@ -223,7 +223,8 @@ static sgs_status move_rows(const gather_job *job, const sgsi_density_plan *plan
     for (size_t k = 0; k + 1 < sizeof first / sizeof *first && (!status || status == failed); ++k) {
         float *items = status ? NULL : peers->room(peers->context, total);
         if (!items && !status)
-            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu primitives", total);
+            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to send %zu primitives",
+                               total);
         for (size_t r = 0; r < ranks && !status; ++r)
             begin[r] = r ? begin[r - 1] + to[r - 1] : 0;
         const int count = first[k + 1] - first[k];
@@ -253,7 +254,7 @@ static sgs_status gather_block(float **block, size_t capacity, size_t own,
     float *to = sgsi_alloc(capacity, SGS_PARAM_COUNT * sizeof *to);
     sgs_status status =
         to ? SGS_STATUS_OK
-           : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", capacity);
+           : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", capacity);
     if (status && !peers)
         return status;
     const size_t whole = own / SGS_LANES * SGS_LANES; // rows of full blocks
@@ -329,7 +330,8 @@ sgs_status sgsi_density_reorder(sgs_gaussians *model, const sgsi_density_plan *p
     enum { GRAIN = 4096 };
     reorder_job job = {plan, model->data, sgsi_alloc(plan->count + 1, sizeof *job.column), 0};
     if (!job.column)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", plan->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to sort %zu primitives",
+                         plan->count);
     for (job.param = 0; job.param < SGS_PARAM_COUNT; ++job.param) {
         sgsi_parallel_ranges(plan->count, GRAIN, take_column, &job);
         sgsi_parallel_ranges(plan->count, GRAIN, put_column, &job);

@@ -48,7 +48,8 @@ sgs_status sgsi_select_best(const double *score, const uint8_t *eligible, size_t
     wanted = wanted < count ? wanted : count;
     ranked_row *heap = sgsi_alloc(wanted ? wanted : 1, sizeof *heap);
     if (!heap)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to rank %zu primitives",
+                         count);
     size_t held = 0;
     for (size_t i = 0; i < count; ++i) {
         if (eligible && !eligible[i])
@@ -74,7 +75,8 @@ sgs_status sgsi_select_weighted(const double *weight, const uint8_t *eligible, s
 {
     double *key = sgsi_alloc(count ? count : 1, sizeof *key);
     if (!key)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to draw from %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to draw from %zu primitives",
+                         count);
     for (size_t i = 0; i < count; ++i) // log of u^(1/w) has the same order
         key[i] = weight[i] > 0.0 ? log(sgsi_random_uniform(seed, i)) / weight[i] : -DBL_MAX;
     const sgs_status status = sgsi_select_best(key, eligible, count, wanted, chosen);
@@ -102,7 +104,8 @@ sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_densi
             chosen[i] && sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
     sgsi_free(stays);
     sgsi_free(chosen);
-    return status ? sgsi_fail(status, "no memory to prune %zu primitives", c->count) : status;
+    return status ? sgsi_fail(status, "not enough memory to prune %zu primitives", c->count)
+                  : status;
 }
 
 void sgsi_density_decide_thinning(const sgsi_density_options *options, sgsi_density_columns *c)

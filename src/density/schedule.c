@@ -20,7 +20,7 @@
 //   model must grow where the objects are.
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
-//   On large photographs, updates of 3dgs and mip go on until the rates decay, but only remove
+//   On large photos, updates of 3dgs and mip go on until the rates decay, but only remove
 //   faint and redundant primitives, mostly those that this limit kept. None is removed for its
 //   size: nothing would grow in its place. FastGS has its own final prunes.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
@@ -33,9 +33,9 @@
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
 //   reduction fades out towards N = 2000 and N = 30 000. Twice that of 3DGS up to N = 2000, with 30
-//   views or more and small photographs, but not with mcmc; this fades out towards N = 7000, 15
-//   views and large photographs, where it makes held-out views worse.
-// - Large photographs, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 0.8 times the
+//   views or more and small photos, but not with mcmc; this fades out towards N = 7000, 15
+//   views and large photos, where it makes held-out views worse.
+// - Large photos, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 0.8 times the
 //   threshold and less weight of gradients close to the camera (Pixel-GS, its constant). With 3dgs,
 //   absolute gradients count at twice the threshold (AbsGS), because signed ones cancel where a
 //   texture is finer than the primitives; the others have their own rule for them. In the loss,
@@ -140,7 +140,7 @@ static bool is_dense(const sgs_train_options *options)
            (options->schedule == SGS_SCHEDULE_PAPER || options->iterations >= DENSE_LENGTH);
 }
 
-// fine: how far the run follows the rules of large photographs, 0 to 1.
+// fine: how far the run follows the rules of large photos, 0 to 1.
 static double ssim_weight(const sgs_train_options *options, double fine)
 {
     return options->ssim_weight < 0.0 ? SSIM_WEIGHT + (LARGE_SSIM_WEIGHT - SSIM_WEIGHT) * fine
@@ -173,7 +173,7 @@ static sgsi_schedule finetune(const sgs_train_options *options)
                            .threshold_factor = 1.0};
 }
 
-// How far growth follows the rules of large photographs, 0 to 1: log-linear in their pixels, and
+// How far growth follows the rules of large photos, 0 to 1: log-linear in their pixels, and
 // linear in their number.
 static double fine_growth(size_t views, double pixels)
 {
@@ -182,7 +182,7 @@ static double fine_growth(size_t views, double pixels)
     return fmin(fmax(size, 0.0), 1.0) * fmin(fmax(number, 0.0), 1.0);
 }
 
-// Rises from 15 to 30 views, on small photographs, to SHORT_SH_RATE times the published rate of
+// Rises from 15 to 30 views, on small photos, to SHORT_SH_RATE times the published rate of
 // 3DGS.
 static double short_sh_rate(const sgsi_pipeline *pipeline, const sgsi_schedule_input *input)
 {
@@ -206,7 +206,7 @@ static double sh_rate(const sgs_train_options *options, const sgsi_schedule_inpu
     return pow(few, fmin(above, sgsi_run_shortness(options))) * pow(brief, 1.0 - above);
 }
 
-// A tenth at SGSI_SHORT_LENGTH, more on large photographs, 1 up to CONSTANT_LENGTH and from
+// A tenth at SGSI_SHORT_LENGTH, more on large photos, 1 up to CONSTANT_LENGTH and from
 // SGSI_PAPER_LENGTH on; beyond: position of N between the last two, log-linear.
 static double late_rate(int iterations, double beyond, double large)
 {

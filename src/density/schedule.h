@@ -25,12 +25,12 @@ typedef struct sgsi_schedule {
     double lr_begin, lr_span; // first and last iteration of the decay of the position rate
     int anneal_from;          // the other rates decay from this iteration to the end of the run,
     double lr_late;           // to this factor; 1 = constant
-    double lr_shape;          // factor on the published rates of rotation and scale
+    double lr_shape;          // factor of the published rates of rotation and scale
     double lr_sh;             // on that of SH above degree 0: not 1 in short runs
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int half_size_until;     // half-size images up to about here; 0 = none
-    double lr_opacity;       // factor on the pipeline's rate of opacity
+    double lr_opacity;       // factor of the pipeline's rate of opacity
     double ssim_weight;      // of 1 - SSIM in the loss
     double ssim_sigma;       // of its window, pixels
     int check_interval;      // of SPARE-GS's equilibrium checks
@@ -47,7 +47,7 @@ typedef struct sgsi_schedule {
 } sgsi_schedule;
 
 typedef struct sgsi_schedule_input {
-    size_t views;  // photographs of training, >= 1
+    size_t views;  // photos of training, >= 1
     double pixels; // their mean size, > 0
     bool random;   // the initial cloud is random
 } sgsi_schedule_input;

@@ -64,7 +64,8 @@ static sgs_status read_entry(sgsi_archive *archive, size_t *at, size_t number)
     entry->unpacked = sgsi_load_u32(bytes + 24);
     entry->name = sgsi_format("%.*s", (int)name, (const char *)bytes + CENTRAL_BYTES);
     if (!entry->name)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", archive->path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                         archive->path);
     ++archive->entry_count;
     *at += CENTRAL_BYTES + name + extra + comment;
     for (char *letter = entry->name; *letter; ++letter) // may appear in an error message
@@ -73,7 +74,7 @@ static sgs_status read_entry(sgsi_archive *archive, size_t *at, size_t number)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: %s is encrypted", archive->path, entry->name);
     if (entry->method != METHOD_STORED && entry->method != METHOD_DEFLATE)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: %s has ZIP method %d; supported are 0 (stored) and 8 (deflate)",
+                         "%s: %s has ZIP method %d; supported: 0 (stored) and 8 (deflate)",
                          archive->path, entry->name, entry->method);
     if (local > archive->size || archive->size - local < LOCAL_BYTES ||
         sgsi_load_u32(archive->bytes + local) != LOCAL_MAGIC)
@@ -95,7 +96,7 @@ sgs_status sgsi_archive_open(sgsi_archive *archive, const char *path)
 {
     *archive = (sgsi_archive){.path = sgsi_strdup(path)};
     if (!archive->path)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     if (sgsi_is_folder(path))
         return SGS_STATUS_OK;
     sgs_status status = sgsi_file_read(path, 0, &archive->bytes, &archive->size);
@@ -113,7 +114,7 @@ sgs_status sgsi_archive_open(sgsi_archive *archive, const char *path)
                          path, count, at);
     archive->entries = sgsi_calloc(count + 1, sizeof *archive->entries);
     if (!archive->entries)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     for (size_t k = 0; !status && k < count; ++k)
         status = read_entry(archive, &at, k);
     return status;
@@ -133,9 +134,9 @@ static sgs_status read_from_folder(const sgsi_archive *archive, const char *name
                                    uint8_t **bytes, size_t *size)
 {
     char *path = sgsi_format("%s/%s", archive->path, name);
-    const sgs_status status =
-        path ? sgsi_file_read(path, most, bytes, size)
-             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", archive->path);
+    const sgs_status status = path ? sgsi_file_read(path, most, bytes, size)
+                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                               "%s: not enough memory to read it", archive->path);
     sgsi_free(path);
     return status;
 }
@@ -161,10 +162,11 @@ sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, size
     *size = 0;
     for (const char *letter = name; *letter; ++letter)
         if ((unsigned char)*letter < 32 || *letter == 127)
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: a file name in it is not text", archive->path);
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: an entry name contains control characters",
+                             archive->path);
     if (!*name || strchr(name, '/') || strchr(name, '\\') || !strcmp(name, ".."))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: '%.64s' is not the name of a file in it",
-                         archive->path, name);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: '%.64s' is not a valid entry name", archive->path,
+                         name);
     if (!archive->bytes)
         return read_from_folder(archive, name, most, bytes, size);
     while (entry < archive->entries + archive->entry_count && strcmp(entry->name, name))
@@ -187,7 +189,8 @@ sgs_status sgsi_archive_read(const sgsi_archive *archive, const char *name, size
     }
     *bytes = sgsi_alloc(entry->packed + 1, 1);
     if (!*bytes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", archive->path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                         archive->path);
     memcpy(*bytes, packed, entry->packed);
     (*bytes)[entry->packed] = 0;
     *size = entry->packed;
@@ -220,7 +223,7 @@ sgs_status sgsi_archive_write(const char *path, const sgsi_archive_file *files, 
                          total);
     uint8_t *bytes = sgsi_calloc(total, 1), *central = NULL;
     if (!bytes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     size_t directory = 0;
     for (size_t k = 0; k < count; ++k)
         directory += LOCAL_BYTES + strlen(files[k].name) + files[k].size;

@@ -96,7 +96,7 @@ static sgs_status find_elements(compressed_reader *reader)
     if (reader->rest != 0 && reader->rest != 9 && reader->rest != 24 && reader->rest != 45)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
-            "%s: has %d f_rest properties; supported are 0, 9, 24 or 45 (SH degree 0 to 3)", path,
+            "%s: has %d f_rest properties; supported: 0, 9, 24 or 45 (SH degree 0 to 3)", path,
             reader->rest);
     return SGS_STATUS_OK;
 }
@@ -136,7 +136,7 @@ static sgs_status read_values(compressed_reader *reader, const sgsi_ply_element 
         reader->bounds = sgsi_calloc(element->count + 1, (size_t)needed * sizeof(float));
         return reader->bounds
                    ? read_element(reader, element, offsets, count, 4, reader->bounds)
-                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     }
     if (element == reader->vertex) {
         for (; count < WORD_COUNT; ++count)
@@ -147,7 +147,7 @@ static sgs_status read_values(compressed_reader *reader, const sgsi_ply_element 
         reader->words = sgsi_calloc(element->count + 1, WORD_COUNT * sizeof(uint32_t));
         return reader->words
                    ? read_element(reader, element, offsets, count, 4, reader->words)
-                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     }
     for (; count < reader->rest; ++count) {
         char name[32];
@@ -156,8 +156,9 @@ static sgs_status read_values(compressed_reader *reader, const sgsi_ply_element 
             return sgsi_fail(SGS_STATUS_FORMAT, "%s: uchar property '%s' is missing", path, name);
     }
     reader->sh_bytes = sgsi_calloc(element->count + 1, (size_t)reader->rest + 1);
-    return reader->sh_bytes ? read_element(reader, element, offsets, count, 1, reader->sh_bytes)
-                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    return reader->sh_bytes
+               ? read_element(reader, element, offsets, count, 1, reader->sh_bytes)
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
 }
 
 static double mix(const float *bounds, int k, double unit)
@@ -223,7 +224,7 @@ sgs_status sgsi_compressed_ply_read(const char *path, const sgs_model_read_optio
     compressed_reader *reader = sgsi_calloc(1, sizeof *reader);
     sgsi_rows rows = {0};
     if (!reader)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     sgs_status status = sgsi_ply_open(path, &reader->stream);
     if (!status)
         status = read_elements(reader);
@@ -367,7 +368,7 @@ sgs_status sgsi_compressed_ply_write(const char *path, const sgs_gaussians *mode
     sgsi_splat *splats = bytes ? sgsi_alloc(CHUNK_SIZE, sizeof *splats) : NULL;
     sgs_output_file file = {0};
     if (!status && !splats)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     for (size_t chunk = 0; !status && chunk < chunks; ++chunk) {
         const size_t begin = chunk * CHUNK_SIZE,
                      members = count - begin < CHUNK_SIZE ? count - begin : CHUNK_SIZE;

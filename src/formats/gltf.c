@@ -672,7 +672,7 @@ sgs_status sgsi_glb_write(const char *path, const sgs_gaussians *model,
         status = sgs_output_file_write(path, bytes, total);
         written->bytes = total;
     } else if (!status) {
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     }
     sgsi_free(bytes);
     free(json);

@@ -83,7 +83,7 @@ static sgs_status read_header(ksplat_file *file)
                          file->size, HEADER_BYTES);
     if (at[0] != 0 || at[1] < 1)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: KSPLAT version %d.%d is unknown; supported is 0.1", file->path, at[0],
+                         "%s: KSPLAT version %d.%d is unknown; supported: 0.1", file->path, at[0],
                          at[1]);
     file->section_count = sgsi_load_u32(at + 4);
     file->level = sgsi_load_u16(at + 20);
@@ -274,7 +274,8 @@ static sgs_status make_buckets(const sgs_gaussians *model, bucket_list *list)
     if (!rows || !spare || !list->order || !list->ranks || !list->sizes || !list->centers) {
         sgsi_free(rows);
         sgsi_free(spare);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to sort %zu primitives",
+                         count);
     }
     bool fits = true;
     for (size_t i = 0; i < count; ++i) {
@@ -452,7 +453,7 @@ sgs_status sgsi_ksplat_write(const char *path, const sgs_gaussians *model,
                            path, data_size);
     uint8_t *bytes = status ? NULL : sgsi_calloc(size, 1);
     if (!status && !bytes)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     if (!status) {
         uint8_t *data = bytes + HEADER_BYTES + SECTION_BYTES;
         find_sh_range(model, sh_degree, sh_range);

@@ -198,7 +198,7 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
         }
     return named ? SGS_STATUS_OK
                  : sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: is not a model in a known format; supported are %s", path,
+                             "%s: is not a model in a known format; supported: %s", path,
                              readable_names);
 }
 
@@ -236,7 +236,7 @@ sgs_status sgs_model_read(const char *path, const sgs_model_read_options *option
             sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has no level of detail %d", path, own.lod);
     if (!status && !table[found.format].read)
         status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                           "%s: is a page that shows a model and cannot be read; supported are %s",
+                           "%s: is a page that shows a model and cannot be read; supported: %s",
                            path, readable_names);
     if (!status)
         status = table[found.format].read(path, &own, model, &found);
@@ -321,7 +321,7 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
     sgs_status status = sgsi_options_read(options, "sgs_model_write_options", &own, sizeof own);
     if (!status && !sgs_model_format_of_name(path, &format))
         status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                           "%s: the name has no known extension; supported are .html, %s", path,
+                           "%s: the name has no known extension; supported: .html, %s", path,
                            readable_names);
     if (!status)
         status = check_write_options(path, &own);

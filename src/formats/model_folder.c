@@ -18,7 +18,7 @@
 
 static sgs_status fail_memory(const sgsi_model_folder *folder)
 {
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", folder->path);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", folder->path);
 }
 
 enum { PATH_ROOM = 4096 };
@@ -58,7 +58,7 @@ sgs_status sgsi_model_folder_open(sgsi_model_folder *folder, const char *path, c
     char *target = sgsi_format("%s/%s", path, manifest);
     if (!folder->path || !folder->manifest || !target) {
         sgsi_free(target);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     }
     folder->was_made = !sgsi_is_folder(path);
     sgs_status status = sgsi_make_folder(path);

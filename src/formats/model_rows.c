@@ -20,7 +20,8 @@ static const float OPAQUE_LOGIT = 13.8155096f;
 static sgs_status fail_rows(const sgsi_rows *rows, sgs_status status, size_t count)
 {
     return status == SGS_STATUS_OUT_OF_MEMORY
-               ? sgsi_fail(status, "%s: no memory for its %zu primitives", rows->path, count)
+               ? sgsi_fail(status, "%s: not enough memory for its %zu primitives", rows->path,
+                           count)
                : sgsi_fail(status, "%s: %s", rows->path, sgs_last_error());
 }
 

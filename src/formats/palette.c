@@ -500,7 +500,8 @@ sgs_status sgsi_palette_train(const float *vectors, size_t count, int dimensions
         done = cluster_vectors(vectors, numbers, count, size, iterations, progress, palette);
     sgsi_free(numbers);
     if (!done)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to cluster %zu vectors", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to cluster %zu vectors",
+                         count);
     if (sgsi_progress_cancelled(progress))
         return sgsi_fail(SGS_STATUS_CANCELLED, "cancelled");
     return SGS_STATUS_OK;

@@ -149,7 +149,7 @@ static sgs_status map_columns(ply_reader *reader)
     if (reader->sh_degree > 3)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
-            "%s: has %d f_rest properties; supported are 0, 9, 24 or 45 (SH degree 0 to 3)",
+            "%s: has %d f_rest properties; supported: 0, 9, 24 or 45 (SH degree 0 to 3)",
             reader->stream.path, rest);
     for (int k = 0; k < rest; ++k) {
         char name[32];
@@ -279,13 +279,14 @@ static sgs_status open_reader(const char *path, ply_reader **made)
 {
     ply_reader *reader = *made = sgsi_calloc(1, sizeof *reader);
     if (!reader)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     const sgs_status status = sgsi_ply_open(path, &reader->stream);
     if (status)
         return status;
     reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-    return reader->c_locale ? SGS_STATUS_OK
-                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    return reader->c_locale
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
 }
 
 static void close_reader(ply_reader *reader)
@@ -357,7 +358,7 @@ sgs_status sgsi_ply_source_open(const char *path, sgsi_ply_source **source, size
     sgsi_ply_source *made = sgsi_calloc(1, sizeof *made);
     sgs_status status = open_reader(path, &reader);
     if (!status && !made)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     if (!status)
         status = find_vertices(reader);
     *source = NULL;
@@ -535,7 +536,7 @@ sgs_status sgsi_ply_parts_begin(const char *path, const sgs_gaussians *like, siz
 {
     *parts = sgsi_calloc(1, sizeof **parts);
     if (!*parts)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     const sgs_status status =
         begin_model(path, like, count, contents, &(*parts)->writer, &(*parts)->file);
     if (status) {

@@ -27,7 +27,7 @@ sgs_status sgsi_ply_open(const char *path, sgsi_ply_stream *stream)
         return status;
     stream->buffer = sgsi_alloc(BUFFER_BYTES, 1);
     if (!stream->buffer)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     return SGS_STATUS_OK;
 }
 
@@ -260,7 +260,7 @@ static sgs_status parse_format(const char *path, const header_line *line, sgsi_p
         return SGS_STATUS_OK;
     }
     return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                     "%s: line %d: unknown format '%.63s'; supported are ascii, "
+                     "%s: line %d: unknown format '%.63s'; supported: ascii, "
                      "binary_little_endian and binary_big_endian",
                      path, line->number, line->words[1]);
 }

@@ -149,7 +149,7 @@ static sgs_status read_cloud(cloud *c, const char *path, size_t *count, float **
     *points = sgsi_alloc(c->element->count, 3 * sizeof **points);
     *colors = sgsi_alloc(c->element->count, 3);
     if (!*points || !*colors)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu points", path,
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for %zu points", path,
                          c->element->count);
     return read_rows(c, count, *points, *colors);
 }
@@ -161,7 +161,7 @@ sgs_status sgsi_point_cloud_read(const char *path, size_t *count, float **points
     *colors = NULL;
     cloud *c = sgsi_calloc(1, sizeof *c);
     if (!c)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     const sgsi_plain_numbers numbers = sgsi_plain_numbers_begin();
     const sgs_status status = read_cloud(c, path, count, points, colors);
     sgsi_plain_numbers_end(&numbers);

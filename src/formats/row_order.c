@@ -24,7 +24,8 @@ static sgs_status take_order(sgsi_keyed_row *rows, size_t count, uint32_t **orde
     sgsi_free(rows);
     sgsi_free(spare);
     return *order ? SGS_STATUS_OK
-                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", count);
+                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to sort %zu primitives",
+                              count);
 }
 
 sgs_status sgsi_order_by_position(const sgs_gaussians *model, uint32_t **order)

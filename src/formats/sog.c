@@ -138,7 +138,7 @@ static sgs_status read_meta(sog_reader *reader, const json_t *meta)
     sog->version = version ? (int)json_integer_value(version) : 1;
     if (sog->version != 1 && sog->version != 2)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: meta.json: SOG version %d is unknown; supported are 1 and 2",
+                         "%s: meta.json: SOG version %d is unknown; supported: 1 and 2",
                          reader->path, sog->version);
     if (sog->version == 1)
         count = json_array_get(json_object_get(means, "shape"), 0);
@@ -283,9 +283,9 @@ sgs_status sgsi_sog_open(sgsi_sog *sog, const char *path)
     json_t *meta = NULL;
     *sog = (sgsi_sog){0};
     char *folder = sgsi_sog_folder(path);
-    sgs_status status = folder
-                            ? sgsi_archive_open(&archive, folder)
-                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    sgs_status status =
+        folder ? sgsi_archive_open(&archive, folder)
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     if (!status)
         status = sgsi_archive_read(&archive, "meta.json", META_MOST, &text, &length);
     if (!status) {
@@ -362,7 +362,7 @@ sgs_status sgsi_sog_read(const char *path, const sgs_model_read_options *options
     sgsi_rows rows = {0};
     sgsi_sog *sog = sgsi_calloc(1, sizeof *sog);
     if (!sog)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     sgs_status status = sgsi_sog_open(sog, path);
     if (!status)
         status = sgsi_rows_begin(&rows, path, sog->count, sog->sh_degree, options->drop_unrotated);

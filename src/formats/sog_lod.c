@@ -83,7 +83,7 @@ static sgs_status visit_node(lod_reader *reader, const json_t *node, int depth)
             const size_t capacity = 2 * reader->range_capacity + 64;
             if (!sgsi_grow((void **)&reader->ranges, reader->range_count, capacity,
                            sizeof *reader->ranges))
-                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it",
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
                                  reader->path);
             reader->range_capacity = capacity;
         }
@@ -104,9 +104,9 @@ static sgs_status read_manifest(lod_reader *reader, int *levels)
     size_t size;
     json_error_t error;
     char *path = sgsi_format("%s/lod-meta.json", reader->folder);
-    sgs_status status =
-        path ? sgsi_file_read(path, 0, &text, &size)
-             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
+    sgs_status status = path ? sgsi_file_read(path, 0, &text, &size)
+                             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                         "%s: not enough memory to read it", reader->path);
     sgsi_free(path);
     if (status)
         return status;
@@ -119,7 +119,7 @@ static sgs_status read_manifest(lod_reader *reader, int *levels)
                  *count = json_object_get(reader->root, "lodLevels");
     if (version && json_integer_value(version) != 1)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: lod-meta.json: version %lld is unknown; supported is 1", reader->path,
+                         "%s: lod-meta.json: version %lld is unknown; supported: 1", reader->path,
                          (long long)json_integer_value(version));
     *levels = (int)json_integer_value(count);
     if (!json_is_integer(count) || json_integer_value(count) < 1 || json_integer_value(count) > 256)
@@ -171,7 +171,8 @@ static sgs_status unit_path(const lod_reader *reader, size_t file, char **path)
             reader->path, file);
     *path = sgsi_format("%s/%s", reader->folder, name);
     return *path ? SGS_STATUS_OK
-                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
+                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                             reader->path);
 }
 
 // ---- Units that are one file ----
@@ -225,7 +226,8 @@ static sgs_status merge_units(lod_reader *reader)
     size_t count = 0, at = 0;
     lod_unit *units = sgsi_alloc(reader->range_count + 1, sizeof *units);
     if (!units)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                         reader->path);
     const sgs_status status = find_units(reader, units, &count);
     if (!status && count) {
         qsort(units, count, sizeof *units, compare_inodes);
@@ -279,9 +281,9 @@ static sgs_status read_unit(lod_reader *reader, const lod_range *ranges, size_t 
     sgs_status status = unit_path(reader, file, &path);
     sgsi_sog *sog = status ? NULL : sgsi_calloc(1, sizeof *sog);
     if (!status)
-        status =
-            sog ? sgsi_sog_open(sog, path)
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", reader->path);
+        status = sog ? sgsi_sog_open(sog, path)
+                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                                 reader->path);
     if (!status && needed > sog->count)
         status =
             sgsi_fail(SGS_STATUS_FORMAT,
@@ -335,9 +337,9 @@ sgs_status sgsi_lod_sog_read(const char *path, const sgs_model_read_options *opt
 {
     lod_reader reader = {.path = path, .level = options->lod, .folder = sgsi_sog_folder(path)};
     sgsi_rows rows = {0};
-    sgs_status status = reader.folder
-                            ? read_manifest(&reader, &info->lod_count)
-                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+    sgs_status status = reader.folder ? read_manifest(&reader, &info->lod_count)
+                                      : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                                  "%s: not enough memory to read it", path);
     if (!status)
         status = sgsi_rows_begin(&rows, path, 0, 0, options->drop_unrotated);
     if (!status)
@@ -464,7 +466,8 @@ static sgs_status sort_along(const lod_writer *writer, uint32_t *rows, size_t co
     sgsi_free(keyed);
     sgsi_free(spare);
     return sorted ? SGS_STATUS_OK
-                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort %zu primitives", count);
+                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to sort %zu primitives",
+                              count);
 }
 
 static json_t *vector(const double values[3])
@@ -536,10 +539,11 @@ static sgs_status write_manifest(lod_writer *writer, json_t *tree)
     json_decref(counts);
     char *text = json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(JSON_DIGITS));
     json_decref(root);
-    const sgs_status status = text ? sgsi_model_folder_put(&writer->folder, manifest_name,
-                                                           (const uint8_t *)text, strlen(text))
-                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                               "%s: no memory to write it", writer->folder.path);
+    const sgs_status status =
+        text ? sgsi_model_folder_put(&writer->folder, manifest_name, (const uint8_t *)text,
+                                     strlen(text))
+             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it",
+                         writer->folder.path);
     writer->bytes += text ? strlen(text) : 0;
     free(text);
     return status;
@@ -587,8 +591,8 @@ static sgs_status write_levels(lod_writer *writer)
         room = room && writer->open[level];
     }
     if (!status && !room)
-        status =
-            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->folder.path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it",
+                           writer->folder.path);
     if (!status)
         status = rank_rows(writer);
     json_t *tree = json_object();
@@ -621,7 +625,7 @@ sgs_status sgsi_lod_sog_write(const char *path, const sgs_gaussians *model,
                         (size_t)writer.levels * sgsi_sog_steps(model, options));
     sgs_status status =
         folder ? sgsi_model_folder_open(&writer.folder, folder, manifest_name)
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     if (!status)
         status = write_levels(&writer);
     if (!status)

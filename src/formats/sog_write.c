@@ -64,7 +64,7 @@ static sgs_status fit_codebook(const sog_writer *writer, int param, float codebo
 {
     float *values = sgsi_alloc(3 * writer->count + 1, sizeof *values);
     if (!values)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to quantise %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to quantise %zu primitives",
                          writer->count);
     for (size_t i = 0; i < writer->count; ++i)
         for (int k = 0; k < 3; ++k)
@@ -80,9 +80,10 @@ static sgs_status train_palette(sog_writer *writer, int iterations)
 {
     const size_t rest = (size_t)writer->rest;
     float *vectors = sgsi_alloc(writer->count + 1, rest * sizeof *vectors);
-    sgs_status status = vectors ? SGS_STATUS_OK
-                                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                            "no memory to quantise %zu primitives", writer->count);
+    sgs_status status =
+        vectors ? SGS_STATUS_OK
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                            "not enough memory to quantise %zu primitives", writer->count);
     for (size_t i = 0; vectors && i < writer->count; ++i)
         for (size_t k = 0; k < rest; ++k)
             vectors[i * rest + k] =
@@ -95,7 +96,7 @@ static sgs_status train_palette(sog_writer *writer, int iterations)
         return status;
     float *values = sgsi_alloc(writer->palette.size + 1, rest * sizeof *values);
     if (!values)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to quantise %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to quantise %zu primitives",
                          writer->count);
     memcpy(values, writer->palette.entries, writer->palette.size * rest * sizeof *values);
     sgsi_codebook_fit(values, writer->palette.size * rest, writer->rests);
@@ -137,8 +138,8 @@ static sgs_status make_textures(sog_writer *writer)
         }
         texture->rgba = sgsi_calloc((size_t)texture->width * (size_t)texture->height, 4);
         if (!texture->rgba)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for textures of %zu primitives",
-                             writer->count);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory for textures of %zu primitives", writer->count);
     }
     return SGS_STATUS_OK;
 }
@@ -266,7 +267,7 @@ static sgs_status write_meta(const sog_writer *writer, sgsi_archive_file *file)
     free(text);
     snprintf(file->name, sizeof file->name, "%s", meta_name);
     return file->bytes ? SGS_STATUS_OK
-                       : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for meta.json");
+                       : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for meta.json");
 }
 
 sgs_status sgsi_sog_encode(const sgs_gaussians *model, const uint32_t *order, size_t count,
@@ -277,7 +278,8 @@ sgs_status sgsi_sog_encode(const sgs_gaussians *model, const uint32_t *order, si
     *file_count = 0;
     sog_writer *writer = sgsi_calloc(1, sizeof *writer);
     if (!writer)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to encode %zu primitives", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to encode %zu primitives",
+                         count);
     *writer = (sog_writer){.model = model,
                            .order = order,
                            .count = count,
@@ -399,7 +401,7 @@ sgs_status sgsi_sog_write(const char *path, const sgs_gaussians *model,
     size_t file_count = 0;
     char *folder = sgsi_sog_folder(path);
     sgs_status status = folder ? sgsi_sog_encode_model(model, options, files, &file_count)
-                               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);
+                               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory", path);
     if (!status)
         status = strcmp(folder, path)
                      ? write_folder(folder, files, file_count, &written->bytes)

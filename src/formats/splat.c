@@ -89,7 +89,7 @@ sgs_status sgsi_splat_write(const char *path, const sgs_gaussians *model,
     sgs_status status = sgsi_order_by_importance(model, NULL, &order);
     uint8_t *bytes = status ? NULL : sgsi_alloc(model->count + 1, SPLAT_BYTES);
     if (!status && !bytes)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     for (size_t i = 0; !status && i < model->count; ++i) {
         const sgsi_splat splat = sgsi_splat_get(model, order[i]);
         encode(&splat, bytes + i * SPLAT_BYTES);

@@ -118,9 +118,8 @@ static sgs_status read_fields(spz_file *file, const uint8_t *header)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not an SPZ file: it does not begin with NGSP",
                          file->path);
     if (file->version < 1 || file->version > 4)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: SPZ version %u is unknown; supported are 1 to 4", file->path,
-                         file->version);
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: SPZ version %u is unknown; supported: 1 to 4",
+                         file->path, file->version);
     if (file->sh_stored > 4)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 12: SH degree %d is not within 0 to 4",
                          file->path, file->sh_stored);
@@ -154,11 +153,10 @@ static sgs_status read_records(spz_file *file, const uint8_t *at, size_t left)
             while (known < AXES_COUNT && axes_table[known].record != axes)
                 ++known;
             if (axes && known == AXES_COUNT)
-                return sgsi_fail(
-                    SGS_STATUS_UNSUPPORTED,
-                    "%s: coordinate system %u is not supported; supported are RUB (4), "
-                    "RDF (6) and LUF (7)",
-                    file->path, axes);
+                return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                                 "%s: coordinate system %u is not supported; supported: RUB (4), "
+                                 "RDF (6) and LUF (7)",
+                                 file->path, axes);
             if (axes)
                 file->axes = (sgs_spz_axes)known;
         }
@@ -520,7 +518,7 @@ static sgs_status write_version_4(const char *path, const spz_file *file,
         status = sgs_output_file_write(path, bytes, total);
         *written = total;
     } else {
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     }
     sgsi_free(bytes);
     for (size_t k = 0; k < count; ++k)
@@ -573,7 +571,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
         total += row_bytes(&file, k) * model->count;
     uint8_t *bytes = sgsi_calloc(total, 1), *streams[STREAM_COUNT];
     if (!bytes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     uint8_t *at = bytes + HEADER_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k) {
         streams[k] = at;

@@ -64,7 +64,8 @@ sgs_status sgsi_unpack(sgsi_packing packing, const char *path, const char *what,
     sgsi_free(*out);
     *out = NULL;
     if (no_memory)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to decompress %s", path, what);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to decompress %s", path,
+                         what);
     if (result == ATTEMPT_TOO_SMALL)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s decompresses to more than %zu bytes", path,
                          what, most);
@@ -97,5 +98,5 @@ sgs_status sgsi_pack(sgsi_packing packing, int level, const uint8_t *in, size_t 
         return SGS_STATUS_OK;
     sgsi_free(*out);
     *out = NULL;
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to compress %zu bytes", size);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to compress %zu bytes", size);
 }

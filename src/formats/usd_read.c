@@ -190,7 +190,7 @@ static sgs_status read_numbers(usd_reader *reader, usd_values kind)
         if (*count == *capacity) {
             const size_t grown = *capacity ? 2 * *capacity : 1024;
             if (!sgsi_grow((void **)values, *count, grown, sizeof **values))
-                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it",
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
                                  reader->path);
             *capacity = grown;
         }
@@ -414,7 +414,7 @@ static sgs_status open_reader(const char *path, bool colors_only, usd_reader **m
     usd_reader *reader = *made = sgsi_calloc(1, sizeof *reader);
     if (!reader) {
         sgsi_free(bytes);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     }
     *reader = (usd_reader){.path = path,
                            .bytes = bytes,
@@ -425,7 +425,7 @@ static sgs_status open_reader(const char *path, bool colors_only, usd_reader **m
                            .sh_degree = -1,
                            .c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0)};
     if (!reader->c_locale)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     if (size < 5 || memcmp(bytes, "#usda", 5))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not OpenUSD text: it does not begin with #usda",
                          path);

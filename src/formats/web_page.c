@@ -134,7 +134,8 @@ sgs_status sgsi_web_page_write(const char *path, const sgs_gaussians *model,
         const char *slash = strrchr(path, '/');
         if (!write_page(file.stream, slash ? slash + 1 : path, options, files, file_count)) {
             sgs_output_file_abort(&file);
-            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the page", path);
+            status =
+                sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for the page", path);
         } else {
             written->bytes = (uint64_t)ftell(file.stream);
             status = sgs_output_file_commit(&file);

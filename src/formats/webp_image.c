@@ -31,7 +31,7 @@ sgs_status sgsi_webp_decode(const char *path, const char *name, const uint8_t *b
     image->height = features.height;
     image->rgba = sgsi_alloc(pixels + 1, 4);
     if (!image->rgba)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %s", path, name);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for %s", path, name);
     if (WebPDecodeRGBAInto(bytes, size, image->rgba, 4 * pixels, 4 * features.width))
         return SGS_STATUS_OK;
     sgsi_webp_free(image);
@@ -74,7 +74,8 @@ sgs_status sgsi_webp_encode(const sgsi_webp *image, uint8_t **bytes, size_t *siz
         *size = writer.size;
     }
     WebPMemoryWriterClear(&writer);
-    return *bytes ? SGS_STATUS_OK
-                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to compress %d x %d pixels",
-                              image->width, image->height);
+    return *bytes
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to compress %d x %d pixels",
+                           image->width, image->height);
 }

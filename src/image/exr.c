@@ -60,7 +60,7 @@ static sgs_status sort_channels(flat_image *image, const char *path,
 {
     image->sorted = sgsi_alloc((size_t)count, sizeof *image->sorted);
     if (!image->sorted)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     image->channel_count = count;
     for (int k = 0; k < count; ++k)
         image->sorted[k] = &channels[k];

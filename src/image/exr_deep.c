@@ -132,7 +132,7 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
         made->path = sgsi_strdup(path);
     if (!made || !made->path) {
         sgsi_free(made);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     }
     made->width = info->width;
     made->height = info->height;
@@ -141,7 +141,7 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
         made->zip =
             sgsi_exr_zip_create(sgsi_threads(), SGSI_EXR_FLOAT_LEVEL, 4 * (size_t)info->width);
     status = zips && !made->zip
-                 ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path)
+                 ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path)
                  : sgsi_exr_open(&made->writer, made->path, info, EXR_STORAGE_DEEP_SCANLINE,
                                  zips ? EXR_COMPRESSION_ZIPS : EXR_COMPRESSION_NONE, max_samples,
                                  columns, CHANNELS);

@@ -172,7 +172,7 @@ static exr_result_t set_deep_state(exr_context_t context)
     static const char name[] = "deepImageState";
     const unsigned char tidy = 3;
     exr_attribute_t *attribute;
-    // OpenEXR 3.1 crashes where exr_attr_set_user has no memory for a new attribute.
+    // OpenEXR 3.1 crashes where exr_attr_set_user has not enough memory for a new attribute.
     const exr_result_t result = exr_attr_declare_by_type(context, 0, name, name, &attribute);
     return result ? result : exr_attr_set_user(context, 0, name, name, 1, &tidy);
 }
@@ -269,7 +269,7 @@ sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_ex
     *writer = (sgsi_exr_writer){.path = path, .first_line = -info->overscan};
     sgsi_exr_column *sorted = sgsi_alloc((size_t)column_count, sizeof *sorted);
     if (!sorted)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     memcpy(sorted, columns, (size_t)column_count * sizeof *sorted);
     qsort(sorted, (size_t)column_count, sizeof *sorted, compare_columns);
     sgs_status status = sgs_output_file_open(&writer->file, path);
@@ -295,7 +295,8 @@ sgs_status sgsi_exr_check(const sgsi_exr_writer *writer, exr_result_t result)
         return sgsi_fail(SGS_STATUS_IO, "%s: cannot be written: %s", writer->path,
                          strerror(writer->write_error));
     if (result == EXR_ERR_OUT_OF_MEMORY)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", writer->path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it",
+                         writer->path);
     if (result)
         return sgsi_fail(SGS_STATUS_INTERNAL, "%s: cannot be written: OpenEXR: %s", writer->path,
                          last_message[0] ? last_message : exr_get_default_error_message(result));

@@ -440,8 +440,9 @@ sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const u
     const bool ready = job && prepare(job, reference, (int)radius, (int)ceil(3.0 * sigma), !map);
     if (!ready) {
         sgsi_free(job);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the FLIP error of %dx%d pixels",
-                         reference->width, reference->height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the FLIP error of %dx%d pixels", reference->width,
+                         reference->height);
     }
     job->images[0] = reference;
     job->images[1] = test;

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// IEEE 754 binary16 for photographs: non-negative, finite and without subnormals, so that decoding
+// IEEE 754 binary16 for photos: non-negative, finite and without subnormals, so that decoding
 // is a shift and a multiplication.
 
 #include <stdint.h>

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// 8-bit photographs: reading, exact area averaging, PNG. Files are decoded by OpenImageIO through
+// 8-bit photos: reading, exact area averaging, PNG. Files are decoded by OpenImageIO through
 // image_oiio.h.
 //
 // Area averaging uses integers. In units of 1 / out_width of a source pixel, source column x covers
@@ -240,8 +240,8 @@ sgs_status sgs_image8_downscale(const sgs_image8 *image, int out_width, int out_
     if (!row_sums || !pixels) {
         sgsi_free(row_sums);
         sgsi_free(pixels);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to reduce an image to %d x %d",
-                         out_width, out_height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory to reduce an image to %d x %d", out_width, out_height);
     }
     *out = (sgs_image8){
         .width = out_width, .height = out_height, .channels = image->channels, .pixels = pixels};

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Reads photographs and encodes PNG and DWAA EXR with OpenImageIO (2.2 to 3.x), which is a C++
+// Reads photos and encodes PNG and DWAA EXR with OpenImageIO (2.2 to 3.x), which is a C++
 // library.
 //
 // Pixels are returned as stored: no colour conversion, no Exif rotation, straight alpha. Other
@@ -9,7 +9,7 @@
 // CMYK becomes RGB, 16 bits are rounded to 8, and floats are treated as linear light and encoded as
 // sRGB unless the file declares sRGB. Further channels are dropped.
 //
-// sgsi_oiio_read_rows returns floats instead, for photographs whose range or colour space exceeds
+// sgsi_oiio_read_rows returns floats instead, for photos whose range or colour space exceeds
 // 8-bit sRGB. sRGB stays encoded, linear light stays linear, and all other colour spaces are
 // converted to linear light by OpenImageIO. Linear EXR files are converted from the primaries of
 // their attribute chromaticities to Rec. 709.
@@ -85,7 +85,7 @@ template <typename Body> sgs_status guarded(const char *path, Body body)
     try {
         return body();
     } catch (const std::bad_alloc &) {
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the image", path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for the image", path);
     } catch (const std::exception &e) {
         return sgsi_fail(SGS_STATUS_INTERNAL, "%s: OpenImageIO failed: %s", path, e.what());
     } catch (...) {
@@ -390,7 +390,7 @@ bool find_processor(const OIIO::ColorConfig &config, const std::string &space, C
 }
 
 // Names of OpenImageIO 2.2 to 3 for a PNG file with the gamma of sRGB, 1/2.2, in its chunk gAMA and
-// no chunk sRGB, as ImageMagick writes them: photographs in sRGB.
+// no chunk sRGB, as ImageMagick writes them: photos in sRGB.
 bool is_display_gamma(const std::string &name)
 {
     return name == "gammacorrected2.2" || name == "gamma2.2" ||

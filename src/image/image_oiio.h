@@ -21,7 +21,7 @@ sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image);
 // Size and channels (3 or 4, as from sgsi_oiio_read), from the header only.
 sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *channels);
 
-// Properties of a photograph's file that affect its decoding.
+// Properties of a photo's file that affect its decoding.
 typedef struct sgsi_image_info {
     int width, height;
     int channels; // 3, or 4 with alpha
@@ -43,7 +43,7 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
 // and infinities are passed on.
 typedef void (*sgsi_row_fn)(void *context, int y, const float *row);
 
-// Decodes a photograph row by row and converts its colour space; linear light has the primaries of
+// Decodes a photo row by row and converts its colour space; linear light has the primaries of
 // Rec. 709, so that colours outside of its gamut have negative channels. On failure some rows may
 // have been passed to `take`.
 sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take,

@@ -444,8 +444,8 @@ sgs_status sgs_lpips_distance(const sgs_lpips *lpips, sgs_lpips_input input, con
     for (int k = 0; k < IMAGES; ++k)
         sgsi_free(planes_of[k].data);
     if (!done)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the LPIPS of %d x %d pixels",
-                         a->width, a->height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the LPIPS of %d x %d pixels", a->width, a->height);
     *distance = job.distance;
     return SGS_STATUS_OK;
 }

@@ -169,7 +169,7 @@ static sgs_status read_header(reader *r, const lpips_network **network)
                    tensors = read_u32(r->bytes + 16);
     if (version != VERSION || id >= NETWORKS)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: version %" PRIu32 ", network %" PRIu32 "; supported are version %d, "
+                         "%s: version %" PRIu32 ", network %" PRIu32 "; supported: version %d, "
                          "networks 0 (vgg) and 1 (alex)",
                          r->path, version, id, VERSION);
     *network = &networks[id];
@@ -198,7 +198,7 @@ static sgs_status create(const char *path, const lpips_network *network, sgs_lpi
     }
     if (*out && (*out)->memory)
         return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the weights", path);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for the weights", path);
 }
 
 sgs_status sgs_lpips_read(const char *path, sgs_lpips **out)

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // A pixel is either valid or not. A partly masked pixel would still show part of what the mask
-// hides, so a pixel of a downscaled photograph is valid only if all source pixels it overlaps are.
+// hides, so a pixel of a downscaled photo is valid only if all source pixels it overlaps are.
 
 #include "image/mask.h"
 
@@ -65,9 +65,9 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
     if (memory && !*path && !folder)
         memory =
             use_if_file(sgsi_format("%.*s%s", stem_length(image_path), image_path, suffix), path);
-    return memory
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to search for its mask", name);
+    return memory ? SGS_STATUS_OK
+                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                              "%s: not enough memory to search for its mask", name);
 }
 
 static void set_all(uint16_t *valid_mask, int width, int height)
@@ -82,8 +82,8 @@ static sgs_status create(int width, int height, uint16_t **valid_mask)
 {
     *valid_mask = sgsi_alloc(sgs_mask_words(width) * (size_t)height, sizeof **valid_mask);
     if (!*valid_mask)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %d x %d pixels", width,
-                         height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a mask of %d x %d pixels",
+                         width, height);
     set_all(*valid_mask, width, height);
     return SGS_STATUS_OK;
 }
@@ -119,12 +119,12 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const c
     sgs_status status = sgs_image8_read(mask_path, &mask);
     if (status)
         return status;
-    // Downscaled photographs may have full-size masks; their sizes were rounded to whole pixels.
+    // Downscaled photos may have full-size masks; their sizes were rounded to whole pixels.
     const double width = (double)mask.width * file_height / mask.height;
     if (mask.width < file_width || width < file_width - 1.0 || width > file_width + 1.0)
         status = sgsi_fail(
             SGS_STATUS_FORMAT,
-            "%s: the mask has %d x %d pixels, but its photograph %s has %d x %d; use the same size",
+            "%s: the mask has %d x %d pixels, but its photo %s has %d x %d; use the same size",
             mask_path, mask.width, mask.height, photo_path, file_width, file_height);
     if (!status)
         status = sgsi_mask_begin(photo);

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Valid masks of photographs: bit planes (sgs_photo.valid_mask) from mask files, alpha channels and
+// Valid masks of photos: bit planes (sgs_photo.valid_mask) from mask files, alpha channels and
 // lenses. Independent of scenes and losses.
 
 #include <stdbool.h>
@@ -11,20 +11,20 @@
 
 #include "sparegs/scene.h"
 
-// Finds the mask file of photograph `name`, whose file is image_path; *path is NULL if there is
+// Finds the mask file of photo `name`, whose file is image_path; *path is NULL if there is
 // none. Masks are searched in `root`/masks and `root`/mask, or in `folder` (relative to root, or
-// absolute) if given, and next to the photograph. `skip`: length of the part of the name that is
+// absolute) if given, and next to the photo. `skip`: length of the part of the name that is
 // the image folder, which the paths of masks may omit.
 sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
                           const char *name, size_t skip, char **path);
 
-// True for names of masks next to photographs: STEM_mask.png.
+// True for names of masks next to photos: STEM_mask.png.
 bool sgsi_mask_is_name(const char *name);
 
 // Allocates photo->valid_mask with all pixels valid, unless it exists.
 sgs_status sgsi_mask_begin(sgs_photo *photo);
 
-// Clears the pixels that a mask file excludes. file_width x file_height: size of the photograph's
+// Clears the pixels that a mask file excludes. file_width x file_height: size of the photo's
 // file; the mask must have this size or an enlargement of it, else the call fails with FORMAT.
 sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path,
                                 int file_width, int file_height, bool invert);

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Image quality as measured in the 3DGS papers: the render is rounded to 8 bits, as if saved as
-// PNG, and compared with the 8-bit photograph by PSNR and SSIM over three channels.
+// PNG, and compared with the 8-bit photo by PSNR and SSIM over three channels.
 //
 // SSIM uses the window of the training loss: 11 x 11 Gaussian, sigma 1.5, zero outside the image
 // and not renormalised there, C1 = 1e-4, C2 = 9e-4 for values in [0, 1]. Its values are therefore
@@ -64,8 +64,8 @@ sgs_status sgs_image8_from_planes(const float *const color[3], const float *tran
     const size_t plane = (size_t)width * (size_t)height;
     uint8_t *pixels = sgsi_alloc(3, plane);
     if (!pixels)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %d x %d pixels",
-                         width, height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for an image of %d x %d pixels", width, height);
     quantise_job job = {color, transmittance, background, plane, pixels};
     sgsi_parallel_ranges(plane, 1 << 16, quantise_range, &job);
     *out = (sgs_image8){width, height, 3, pixels};
@@ -239,7 +239,7 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     const size_t items = 3 * job.strips, scratch = (size_t)sgsi_threads() * scratch_size(job.pitch);
     job.scratch = sgsi_alloc(scratch + items, sizeof(double));
     if (!job.scratch) {
-        sgsi_record_error("no memory for the SSIM of %d x %d pixels", a->width, a->height);
+        sgsi_record_error("not enough memory for the SSIM of %d x %d pixels", a->width, a->height);
         return NAN;
     }
     job.sums = job.scratch + scratch;

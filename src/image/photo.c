@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Decodes, then downscales, then masks, so that masks refer to the photograph's own pixels.
+// Decodes, then downscales, then masks, so that masks refer to the photo's own pixels.
 //
-// 8-bit sRGB photographs stay 8-bit. All others become half floats: their 11 bits of precision
+// 8-bit sRGB photos stay 8-bit. All others become half floats: their 11 bits of precision
 // exceed 8-bit sRGB everywhere, and their range is 30 stops. Values are averaged as stored (linear
 // files in linear light), divided by the scene's white point if linear, and only then encoded. The
 // unit of light therefore does not matter: the same scene times eight has eight times the white
@@ -72,7 +72,7 @@ sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info
         return SGS_STATUS_OK;
     return sgsi_fail(SGS_STATUS_FORMAT,
                      "%s: its data window has %d x %d pixels, the display window %d x %d, and the "
-                     "camera is that of the latter; save it with equal windows",
+                     "camera matches the display window; save the image with equal windows",
                      path, info->width, info->height, info->full_width, info->full_height);
 }
 
@@ -88,7 +88,7 @@ static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image
     return status;
 }
 
-// ---- Float photographs: area averages row by row, without a full-size float image ----
+// ---- Float photos: area averages row by row, without a full-size float image ----
 
 typedef struct reducer {
     const sgsi_photo_source *source;
@@ -199,8 +199,8 @@ static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_
     r.across = sgsi_alloc(2 * row, sizeof *r.across);
     sgs_status status = SGS_STATUS_OK;
     if (!photo->halves || !r.across) {
-        status =
-            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the image", source->image_path);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for the image",
+                           source->image_path);
     } else {
         r.sum = r.across + row;
         status = sgsi_oiio_read_rows(source->image_path, source->colorspace, take_row, &r);

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Loads a photograph: decodes, downscales and masks it. Repeatable at any time with the same
+// Loads a photo: decodes, downscales and masks it. Repeatable at any time with the same
 // result. Independent of the scene.
 
 #include <stdbool.h>
@@ -13,7 +13,7 @@
 
 typedef struct sgsi_photo_source {
     const char *image_path, *mask_path; // mask_path may be NULL
-    int file_width, file_height;        // size of the photograph's file
+    int file_width, file_height;        // size of the photo's file
     int width, height;                  // requested size, at most the file's
     bool invert_mask;
     sgs_alpha alpha;
@@ -25,22 +25,22 @@ typedef struct sgsi_photo_source {
 
 // Further results of a load.
 typedef struct sgsi_photo_report {
-    bool mask_failed;     // the error concerns the mask, not the photograph
+    bool mask_failed;     // the error concerns the mask, not the photo
     size_t pixels_broken; // pixels of the file with an infinite or NaN channel
 } sgsi_photo_report;
 
-// Fails like sgs_image8_read if the photograph cannot be read. On failure the photo is empty.
+// Fails like sgs_image8_read if the photo cannot be read. On failure the photo is empty.
 sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
                            sgsi_photo_report *report);
 
-// Converts a colour value from linear light or its sRGB encoding to the space of photographs.
+// Converts a colour value from linear light or its sRGB encoding to the space of photos.
 // Negative light becomes 0.
 float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_point);
 
 // Applies the alpha channel, if any: see sgs_alpha.
 sgs_status sgsi_photo_use_alpha(sgs_photo *photo, sgs_alpha alpha);
 
-// Luminance histogram of linear photographs: counts of max(R, G, B) > 0, in bins of 1/32 octave.
+// Luminance histogram of linear photos: counts of max(R, G, B) > 0, in bins of 1/32 octave.
 enum {
     SGSI_LIGHT_OCTAVE = 32,
     SGSI_LIGHT_LOW = -40, // octaves
@@ -61,7 +61,7 @@ void sgsi_light_add_value(sgsi_light *light, float brightest);
 // The value that a fraction `share` of the pixels does not exceed; 1 if the histogram is empty.
 double sgsi_light_quantile(const sgsi_light *light, double share);
 
-// True if such a photograph is kept in 8 bits, false if in half floats.
+// True if such a photo is kept in 8 bits, false if in half floats.
 bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space);
 
 // Fails with FORMAT for an EXR whose data window differs from its display window, unless the camera
@@ -69,7 +69,7 @@ bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space);
 sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info,
                                    const sgs_camera *camera);
 
-// Decoded size in bytes of such a photograph at this resolution, including a mask.
+// Decoded size in bytes of such a photo at this resolution, including a mask.
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height);
 
 // Colour c of a pixel over a background: straight alpha, as the loss compares it.

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// A lock protects the states; decoding runs outside of it. A photograph is ABSENT, QUEUED (prefetch
+// A lock protects the states; decoding runs outside of it. A photo is ABSENT, QUEUED (prefetch
 // requested), DECODING (by the thread or the caller) or READY. Space is freed before decoding
-// starts and is counted from then on. Three kinds of photographs are never evicted: the one in use,
+// starts and is counted from then on. Three kinds of photos are never evicted: the one in use,
 // those being decoded, and the few that were prefetched but not yet used.
 
 #include "image/photo_cache.h"
@@ -49,8 +49,8 @@ static void drop(sgsi_photo_cache *cache, entry *e)
     e->prefetched = false;
 }
 
-// Evicts the least recently used photographs until `bytes` more fit. Returns whether they fit.
-// prefetched_too: evict prefetched photographs as well.
+// Evicts the least recently used photos until `bytes` more fit. Returns whether they fit.
+// prefetched_too: evict prefetched photos as well.
 static bool make_room(sgsi_photo_cache *cache, size_t bytes, bool prefetched_too)
 {
     while (cache->bytes + bytes > cache->limit) {
@@ -96,7 +96,7 @@ static void *decode_ahead(void *context)
     pthread_mutex_lock(&cache->lock);
     while (!cache->stop) {
         entry *next = cache->queued ? &cache->entries[cache->queue[0]] : NULL;
-        // If the unused prefetched photographs leave no space, wait until they are used.
+        // If the unused prefetched photos leave no space, wait until they are used.
         if (!next ||
             (next->state == QUEUED && !make_room(cache, next->bytes, false) && cache->bytes > 0)) {
             pthread_cond_wait(&cache->changed, &cache->lock);
@@ -116,7 +116,7 @@ sgs_status sgsi_photo_cache_create(const sgsi_photo_source *sources, const size_
 {
     *cache = sgsi_calloc(1, sizeof **cache + count * sizeof(entry));
     if (!*cache)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the image cache");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the image cache");
     sgsi_photo_cache *made = *cache;
     made->count = made->current = count;
     made->limit = limit;
@@ -171,12 +171,12 @@ sgs_status sgsi_photo_cache_get(sgsi_photo_cache *cache, size_t index, const sgs
     e->used = ++cache->clock;
     const sgs_status status = e->status;
     if (status) {
-        sgsi_record_error("%s", e->error ? e->error : "no memory for an image");
+        sgsi_record_error("%s", e->error ? e->error : "not enough memory for an image");
         drop(cache, e);
     } else {
         *photo = &e->photo;
     }
-    pthread_cond_broadcast(&cache->changed); // the previous photograph may be evicted now
+    pthread_cond_broadcast(&cache->changed); // the previous photo may be evicted now
     pthread_mutex_unlock(&cache->lock);
     return status;
 }

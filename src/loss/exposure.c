@@ -8,8 +8,8 @@
 //   dL/dI'
 //
 // and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term, which does not pass
-// through the map). The background of a photograph with an alpha channel does not have the exposure
-// of the photograph, so it is added behind the map:
+// through the map). The background of a photo with an alpha channel does not have the exposure
+// of the photo, so it is added behind the map:
 //
 //   I' = A color + b (1 - T) + T background
 //   dL/dcolor = A^T dL/dI',   dL/dT = (background - b) . dL/dI',   dL/dA = sum of dL/dI' color^T,
@@ -63,8 +63,8 @@ sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, sgsi_exposure
     }
     if (!made || !made->states || !made->nothing) {
         sgsi_exposure_destroy(made);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the exposure of %zu images",
-                         count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the exposure of %zu images", count);
     }
     for (size_t c = 0; c < 3; ++c)
         made->mapped[c] = made->nothing + (c + 1) * plane_floats;
@@ -180,8 +180,8 @@ static sgs_status reserve_cells(sgsi_exposure *exposure, const sgsi_loss_input *
     }
     return reserved ? SGS_STATUS_OK
                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                "no memory for the exposure of a %d x %d image", image->width,
-                                image->height);
+                                "not enough memory for the exposure of a %d x %d image",
+                                image->width, image->height);
 }
 
 sgs_status sgsi_exposure_cells(sgsi_exposure *exposure, size_t index, const sgsi_loss_input *image,

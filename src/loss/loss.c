@@ -81,7 +81,7 @@ sgs_status sgsi_loss_create(sgsi_loss_workspace **workspace)
 {
     *workspace = sgsi_calloc(1, sizeof **workspace);
     if (!*workspace)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the loss");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the loss");
     return SGS_STATUS_OK;
 }
 
@@ -123,8 +123,8 @@ sgs_status sgsi_loss_reserve(sgsi_loss_workspace *workspace, int width, int heig
         !ensure((void **)&w->column_weight, &w->column_count, (size_t)width,
                 sizeof *w->column_weight) ||
         !ensure((void **)&w->row_weight, &w->row_count, (size_t)height, sizeof *w->row_weight))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the loss of a %d x %d image",
-                         width, height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the loss of a %d x %d image", width, height);
     return SGS_STATUS_OK;
 }
 

@@ -32,8 +32,8 @@ struct sgs_bench {
     sgs_bench_counts counts;
 };
 
-// Makes the photograph of a view: its render plus noise of a few grey levels. Also counts hits.
-static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v,
+// Makes the photo of a view: its render plus noise of a few grey levels. Also counts hits.
+static sgs_status make_photo(sgs_bench *bench, sgs_renderer *renderer, size_t v,
                              const sgs_view_source *view, sgs_image8 *image)
 {
     const sgs_camera *camera = &view->camera;
@@ -60,9 +60,9 @@ static sgs_status photograph(sgs_bench *bench, sgs_renderer *renderer, size_t v,
     return status;
 }
 
-// The scene of all photographs.
-static sgs_status photograph_all(sgs_bench *bench, const sgs_gaussians *model,
-                                 const sgs_view *views, size_t view_count)
+// The scene of all photos.
+static sgs_status make_photos(sgs_bench *bench, const sgs_gaussians *model, const sgs_view *views,
+                              size_t view_count)
 {
     sgs_view_source sources[VIEWS_MAX] = {0};
     sgs_image8 images[VIEWS_MAX] = {0};
@@ -76,7 +76,7 @@ static sgs_status photograph_all(sgs_bench *bench, const sgs_gaussians *model,
                                        .channel_stride = (ptrdiff_t)camera->width * camera->height,
                                        .pixel_stride = 1,
                                        .row_stride = camera->width};
-        status = photograph(bench, renderer, v, &sources[v], &images[v]);
+        status = make_photo(bench, renderer, v, &sources[v], &images[v]);
         sources[v].pixels = images[v].pixels;
     }
     if (!status)
@@ -144,10 +144,10 @@ sgs_status sgs_bench_create_with(const sgs_gaussians *model, const sgs_view *vie
                          VIEWS_MAX);
     sgs_bench *made = sgsi_calloc(1, sizeof *made);
     if (!made)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a benchmark");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a benchmark");
     sgs_status status = read_render(options, &made->render);
     if (!status)
-        status = photograph_all(made, model, views, view_count);
+        status = make_photos(made, model, views, view_count);
     if (!status)
         status = start_trainer(made, model);
     if (status) {
@@ -356,10 +356,10 @@ sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
     sgsi_tile_cost *tiles = sgsi_calloc(most_tiles, sizeof *tiles);
     float *costs = sgsi_calloc(most_tiles, sizeof *costs); // a cell has at least one tile
     sgsi_rank_traffic *traffic = sgsi_calloc(MOST_RANKS, sizeof *traffic);
-    sgs_status status =
-        tiles && costs && traffic
-            ? SGS_STATUS_OK
-            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to predict the traffic of ranks");
+    sgs_status status = tiles && costs && traffic
+                            ? SGS_STATUS_OK
+                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                        "not enough memory to predict the traffic of ranks");
     sgsi_tracer_watch_tiles(views->tracer, tiles);
     for (size_t v = 0; v < bench->scene->view_count && !status; ++v) {
         sgs_step_info info;

@@ -297,7 +297,7 @@ sgs_status sgs_bench_scene_create(const char *name, uint64_t seed, sgs_bench_sce
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown benchmark scene '%s'", name);
     sgs_bench_scene *made = sgsi_calloc(1, sizeof *made);
     if (!made)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a benchmark scene");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a benchmark scene");
     sgs_status status = sgs_gaussians_create(chosen->count, &made->model);
     if (!status)
         status = sgs_gaussians_resize(made->model, chosen->count);

@@ -151,8 +151,9 @@ static sgs_status mean_difference(const sgs_rd_point *anchor, size_t anchor_coun
     pchip_free(&curves[0]);
     pchip_free(&curves[1]);
     return made ? SGS_STATUS_OK
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for curves of %zu and %zu points",
-                            anchor_count, test_count);
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                            "not enough memory for curves of %zu and %zu points", anchor_count,
+                            test_count);
 }
 
 // True if some smaller file is better by more than the rounding of published values.

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Measures the limits of the machine, which the bench compares its results with. Each limit is the
+// Measures the machine peaks, which the bench compares its results with. Each peak is the
 // best of several short trials.
 
 #include <math.h>
@@ -120,9 +120,10 @@ sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits)
     const size_t floats = bytes / sizeof(float);
     stream_job job = {.kernels = kernels, .data = sgsi_alloc(floats, sizeof(float))};
     if (!job.data)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for the %zu MB that the memory bandwidth is measured on",
-                         bytes >> 20);
+        return sgsi_fail(
+            SGS_STATUS_OUT_OF_MEMORY,
+            "not enough memory for the %zu MB that the memory bandwidth is measured on",
+            bytes >> 20);
     sgsi_parallel_ranges(floats, 1 << 18, touch_range, &job);
     limits->l2_bytes = l2 > 0 ? (size_t)l2 : L2_DEFAULT;
     limits->tsc_ghz = measure_tsc();

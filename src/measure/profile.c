@@ -103,8 +103,8 @@ static sgs_status measure_costs(const profile_job *job, sgsi_tracer *tracer)
     const size_t count = job->model->count;
     sgsi_bounds *now = sgsi_alloc(count ? count : 1, sizeof *now);
     if (!now)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the boxes of %zu primitives",
-                         count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the boxes of %zu primitives", count);
     memcpy(now, sgsi_tracer_bounds(tracer), count * sizeof *now);
     sgs_status status = sgsi_tracer_project(tracer, job->young, &job->view, NULL, NULL);
     for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k) {
@@ -146,7 +146,8 @@ static sgs_status count_macrotile_hits(const profile_job *job, const sgsi_tracer
     // Number of the last macrotile with a hit, plus one.
     uint32_t *last = sgsi_calloc(job->model->count + 1, sizeof *last);
     if (!last)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to count the hits of %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory to count the hits of %zu primitives",
                          job->model->count);
     for (int macrotile = 0; macrotile < rays->macrotiles_x * rays->macrotiles_y; ++macrotile)
         for (int k = 0; k < rays->macrotile_side * rays->macrotile_side; ++k) {
@@ -361,9 +362,9 @@ static sgs_status sample_rays(profile_job *job)
     const int samples = job->options.samples;
     sample_job *sampling = sgsi_calloc(1, sizeof *sampling);
     sgsi_tracer *tracer = NULL;
-    sgs_status status = sampling
-                            ? sgsi_tracer_create(&tracer)
-                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace sample rays");
+    sgs_status status =
+        sampling ? sgsi_tracer_create(&tracer)
+                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to trace sample rays");
     if (!status)
         status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
     if (sampling && !status) {
@@ -435,8 +436,9 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     // All maps in one allocation.
     out->pixel_hits = sgsi_calloc(2 * pixels + 3 * tiles, sizeof(float));
     if (!job->block || !job->costs || !job->depth_bounds || !out->pixel_hits)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the profile of %dx%d pixels",
-                         out->width, out->height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the profile of %dx%d pixels", out->width,
+                         out->height);
     out->pixel_block_hits = out->pixel_hits + pixels;
     out->tile_candidates = out->pixel_block_hits + pixels;
     out->tile_evaluations = out->tile_candidates + tiles;
@@ -467,7 +469,7 @@ sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera
         return status;
     job.out = sgsi_calloc(1, sizeof *job.out);
     if (!job.out)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a profile");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a profile");
     status = prepare(&job, camera, pose);
     if (!status)
         status = measure_kinds(&job);

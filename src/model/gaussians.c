@@ -65,7 +65,7 @@ sgs_status sgs_gaussians_create(size_t capacity, sgs_gaussians **model)
     *model = NULL;
     sgs_gaussians *fresh = sgsi_calloc(1, sizeof *fresh);
     if (!fresh)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a model");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a model");
     fresh->sh_degree = 3;
     const sgs_status status = sgs_gaussians_reserve(fresh, capacity ? capacity : SGS_LANES);
     if (status) {
@@ -96,7 +96,8 @@ sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity)
     if (!sgsi_grow(&data, model->capacity / SGS_LANES, blocks,
                    sizeof(float) * SGS_PARAM_COUNT * SGS_LANES))
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for %zu primitives; lower option max_gaussians", capacity);
+                         "not enough memory for %zu primitives; lower option max_gaussians",
+                         capacity);
     const size_t old = model->capacity;
     model->data = data;
     model->capacity = blocks * SGS_LANES;
@@ -258,8 +259,8 @@ sgs_status sgsi_gaussians_init_points(const float *points, const unsigned char *
                          "a cloud of one point requires a positive scale, not %g", fallback_scale);
     double *distances = sgsi_alloc(n, sizeof *distances * SGSI_KNN_NEIGHBOURS);
     if (!distances)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an initial cloud of %zu points",
-                         n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for an initial cloud of %zu points", n);
     sgs_gaussians *fresh = NULL;
     sgs_status status = sgsi_knn(points, n, distances);
     if (!status)

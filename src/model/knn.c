@@ -218,7 +218,7 @@ static sgs_status build(const float *points, size_t n, size_t leaf_points, tree 
     t->boxes = sgsi_alloc((size_t)2 << t->levels, sizeof *t->boxes);
     if (!t->points || !t->boxes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for the neighbour search over %zu points", n);
+                         "not enough memory for the neighbour search over %zu points", n);
     for (size_t i = 0; i < n; ++i)
         t->points[i] =
             (tree_point){{points[3 * i], points[3 * i + 1], points[3 * i + 2]}, (uint32_t)i};
@@ -344,7 +344,7 @@ sgs_status sgsi_knn_tree_create(const float *points, size_t n, sgsi_knn_tree **m
     *made = NULL;
     tree *t = sgsi_calloc(1, sizeof *t);
     if (!t)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a neighbour search");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a neighbour search");
     const sgs_status status = n ? build(points, n, MANY_LEAF_POINTS, t) : SGS_STATUS_OK;
     if (status) {
         sgsi_knn_tree_destroy(t);

@@ -246,7 +246,7 @@ static sgs_status find_voxel_size(const sgs_gaussians *model, const sgsi_keyed_r
     double *distances = sgsi_alloc(count, SGSI_KNN_NEIGHBOURS * sizeof *distances);
     sgs_status status = points && distances ? SGS_STATUS_OK
                                             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                                        "no memory for %zu points", count);
+                                                        "not enough memory for %zu points", count);
     for (size_t i = 0; !status && i < count; ++i)
         for (size_t k = 0; k < 3; ++k)
             points[3 * i + k] = *sgs_gaussians_at(model, rows[i].row, SGS_PARAM_MEAN + (int)k);
@@ -280,7 +280,8 @@ static sgs_status place_grid(const sgs_gaussians *model, voxel_grid *grid)
             continue;
         values = values ? values : sgsi_alloc(grid->row_count, sizeof *values);
         if (!values)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", grid->row_count);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu points",
+                             grid->row_count);
         for (size_t i = 0; i < grid->row_count; ++i)
             values[i] = (double)*sgs_gaussians_at(model, grid->rows[i].row, SGS_PARAM_MEAN + k);
         qsort(values, grid->row_count, sizeof *values, compare_doubles);
@@ -356,7 +357,8 @@ static sgs_status fill_grid(const sgs_gaussians *model, const sgs_floater_option
     sgsi_keyed_row *spare = sgsi_alloc(count + 1, sizeof *spare);
     sgs_status status = SGS_STATUS_OK;
     if (!grid->rows || !grid->voxels || !grid->parents || !grid->members || !spare)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to connect %zu primitives", count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to connect %zu primitives",
+                           count);
     for (size_t i = 0; !status && i < count; ++i) {
         const double opacity = 1.0 / (1.0 + exp(-(double)sgs_gaussians_opacity_logit(model, i)));
         if (opacity >= options->opacity)

@@ -28,8 +28,8 @@ sgs_status sgsi_region_order(sgs_gaussians *model, const sgs_box *box, size_t *o
     old.data = sgsi_alloc(bytes ? bytes : 1, 1);
     *own = 0;
     if (!old.data)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives",
-                         model->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for a second copy of %zu primitives", model->count);
     memcpy(old.data, model->data, bytes);
     size_t to = 0;
     for (int pass = 0; pass < 2; ++pass) {

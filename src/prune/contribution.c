@@ -48,8 +48,9 @@ static sgs_status reserve_ones(contribution_job *job, size_t floats)
     job->one_count = job->ones ? floats : 0;
     for (size_t i = 0; i < job->one_count; ++i)
         job->ones[i] = 1.0f;
-    return job->ones ? SGS_STATUS_OK
-                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the weights of a view");
+    return job->ones
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the weights of a view");
 }
 
 static sgs_status add_view(void *context, const sgsi_traced_view *traced)

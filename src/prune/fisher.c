@@ -179,7 +179,8 @@ static sgs_status reserve_view(fisher_job *job, size_t tiles)
     }
     return job->slot_begin && job->slots
                ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the Fisher matrices of a view");
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "not enough memory for the Fisher matrices of a view");
 }
 
 static sgs_status visit_view(void *context, const sgsi_traced_view *traced)
@@ -208,7 +209,7 @@ static sgs_status visit_view(void *context, const sgsi_traced_view *traced)
     }
     for (int t = 0; t < sgsi_threads(); ++t)
         if (job->scratch[t].failed)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the hits of a tile");
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the hits of a tile");
     return SGS_STATUS_OK;
 }
 
@@ -223,7 +224,7 @@ sgs_status sgsi_fisher_sums(const sgs_gaussians *model, const sgs_scene *scene,
     memset(sums, 0, model->count * sizeof *sums);
     job.scratch = sgsi_calloc((size_t)threads, sizeof *job.scratch);
     if (!job.scratch)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %d threads", threads);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %d threads", threads);
     const sgs_status status = sgsi_view_pass(model, scene, options, visit_view, &job);
     for (int t = 0; t < threads; ++t) {
         sgsi_free(job.scratch[t].primitives);
@@ -267,7 +268,8 @@ sgs_status sgsi_pup_scores(const sgs_gaussians *model, const sgs_prune_options *
     double(*sums)[SGSI_FISHER_ENTRIES] = sgsi_alloc(model->count, sizeof *sums);
     if (!sums)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for the Fisher matrices of %zu primitives", model->count);
+                         "not enough memory for the Fisher matrices of %zu primitives",
+                         model->count);
     sgs_view_pass_options views = options->views;
     views.downscale = options->fisher_downscale;
     const sgs_status status = sgsi_fisher_sums(model, options->scene, &views, sums);

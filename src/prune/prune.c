@@ -47,8 +47,8 @@ sgs_status sgsi_weigh_by_volume(const sgs_gaussians *model, double power, double
     const size_t n = model->count;
     double *volumes = sgsi_alloc(n, sizeof *volumes);
     if (!volumes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the volumes of %zu primitives",
-                         n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the volumes of %zu primitives", n);
     for (size_t i = 0; i < n; ++i)
         volumes[i] = log_volume(model, i);
     qsort(volumes, n, sizeof *volumes, ascending);
@@ -66,8 +66,8 @@ sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune
 {
     sgs_contribution *sums = sgsi_alloc(model->count, sizeof *sums);
     if (!sums)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
-                         model->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the scores of %zu primitives", model->count);
     sgs_status status = sgs_contributions(model, options->scene, &options->views, sums);
     for (size_t i = 0; i < model->count && !status; ++i)
         scores[i] = sums[i].front;
@@ -82,8 +82,8 @@ sgs_status sgsi_rap_scores(const sgs_gaussians *model, const sgs_prune_options *
 {
     float *features = sgsi_alloc(model->count, SGS_RAP_FEATURES * sizeof *features);
     if (!features)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the features of %zu primitives",
-                         model->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the features of %zu primitives", model->count);
     const sgs_status status =
         sgs_rap_features(model, options->progress, options->progress_user, features);
     for (size_t i = 0; i < model->count && !status; ++i)
@@ -181,7 +181,7 @@ sgs_status sgs_prune_select(sgs_prune_method method, const double *scores, size_
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "ratio %g is not in [0, 1]", ratio);
     ranked *order = sgsi_alloc(count ? count : 1, sizeof *order);
     if (!order)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to order %zu scores", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to order %zu scores", count);
     sgs_status status = SGS_STATUS_OK;
     for (size_t i = 0; i < count && !status; ++i) {
         order[i] = (ranked){scores[i], i};

@@ -269,7 +269,7 @@ static sgs_status count_step(step_counter *steps)
     ++steps->done;
     return !steps->call || steps->call(steps->user, steps->done, steps->total)
                ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_CANCELLED, "the computation of features was cancelled");
+               : sgsi_fail(SGS_STATUS_CANCELLED, "feature computation was cancelled");
 }
 
 // The search, then the features: STEP primitives each.
@@ -303,8 +303,8 @@ static sgs_status compute(rap_job *job, sgs_progress_fn progress, void *user)
     job->quantities = sgsi_alloc(n, sizeof *job->quantities);
     job->sorted = sgsi_alloc(n, SGS_RAP_FEATURES * sizeof *job->sorted);
     if (!job->points || !job->neighbours || !job->quantities || !job->sorted)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the features of %zu primitives",
-                         n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the features of %zu primitives", n);
     for (int axis = 0; axis < 3; ++axis)
         for (size_t i = 0; i < n; ++i)
             job->points[3 * i + (size_t)axis] =

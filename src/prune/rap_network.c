@@ -82,7 +82,7 @@ static sgs_status read_tensor(const archive *a, const uint8_t *entry, int k,
     if (get16(entry + 10) != 0)
         return fail_archive(a, "an entry of the archive is compressed");
     if (get32(entry + 20) != bytes || get32(entry + 24) != bytes)
-        return fail_archive(a, "a tensor has another size than in this network");
+        return fail_archive(a, "a tensor does not have the size in this network");
     if (header + LOCAL_BYTES > a->size || get32(a->bytes + header) != 0x04034B50u)
         return fail_archive(a, "the archive is damaged");
     const size_t at =
@@ -160,8 +160,9 @@ sgs_status sgs_rap_read(const char *path, sgs_rap_network **network)
         return status;
     a.bytes = bytes;
     sgs_rap_network *made = sgsi_calloc(1, sizeof *made);
-    status = made ? read_archive(&a, made)
-                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the network", path);
+    status =
+        made ? read_archive(&a, made)
+             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for the network", path);
     sgsi_free(bytes);
     if (status) {
         sgsi_free(made);

@@ -181,8 +181,8 @@ sgs_status sgsi_refine_scores(const sgs_gaussians *model, const sgs_prune_option
         set_weights(&job, &sum);
         sgsi_parallel_ranges(model->count, BLOCK, score_block, &job);
     } else {
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
-                           model->count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "not enough memory for the scores of %zu primitives", model->count);
     }
     sgsi_free(job.figures);
     sgsi_free(job.sums);

@@ -108,7 +108,8 @@ sgs_status sgsi_refine_sample(size_t count, size_t wanted, size_t *chosen)
     }
     size_t *pool = sgsi_alloc(count, sizeof *pool);
     if (!pool)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to choose from %zu cameras", count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to choose from %zu cameras",
+                         count);
     for (size_t k = 0; k < count; ++k)
         pool[k] = k;
     for (size_t k = 0; k < wanted; ++k) {

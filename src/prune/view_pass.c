@@ -45,7 +45,8 @@ static sgs_status pass_create(view_pass *pass)
         return status;
     pass->filter_3d = sgsi_calloc(pass->model->capacity, sizeof *pass->filter_3d);
     if (!pass->filter_3d)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the 3D filter of %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for the 3D filter of %zu primitives",
                          pass->model->count);
     memcpy(pass->filter_3d, pass->render.filter_3d, pass->model->count * sizeof(float));
     return SGS_STATUS_OK;
@@ -60,8 +61,9 @@ static sgs_status reserve_planes(view_pass *pass, const sgs_camera *camera, sgsi
         pass->planes = sgsi_alloc(floats, 4 * sizeof *pass->planes);
         pass->plane_floats = pass->planes ? floats : 0;
         if (!pass->planes)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
-                             camera->width, camera->height);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory for an image of %dx%d pixels", camera->width,
+                             camera->height);
     }
     float *p = pass->planes;
     *planes = (sgsi_planes){.width = camera->width,

@@ -369,7 +369,7 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_r
 out_of_memory:
     sgsi_free(map.directions);
     sgsi_rays_destroy(made);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the rays of a %dx%d camera",
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the rays of a %dx%d camera",
                      camera->width, camera->height);
 }
 
@@ -469,7 +469,7 @@ sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache)
 {
     *cache = sgsi_calloc(1, sizeof **cache);
     if (!*cache)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ray cache");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the ray cache");
     (*cache)->byte_limit = byte_limit;
     return SGS_STATUS_OK;
 }

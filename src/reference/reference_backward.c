@@ -357,7 +357,7 @@ sgs_status sgs_reference_backward(const double *params, size_t count, const sgs_
         }
     } else {
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                           "reference: no memory for gradients of %zu primitives", count);
+                           "reference: not enough memory for gradients of %zu primitives", count);
     }
     sgsi_free(job.hits);
     sgsi_free(job.sums);

@@ -215,8 +215,8 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
         view->filter_scale = (view->mip ? dilation_mip : dilation_3dgs) / (fx * fy);
     view->primitives = sgsi_alloc(count ? count : 1, sizeof *view->primitives);
     if (!view->primitives)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "reference: no memory for %zu primitives",
-                         count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "reference: not enough memory for %zu primitives", count);
     const int degree = options->sh_degree < 0 ? 0 : options->sh_degree > 3 ? 3 : options->sh_degree;
     for (size_t i = 0; i < count; ++i) {
         const double filter_3d = view->mip && options->filter_3d ? options->filter_3d[i] : 0;
@@ -416,7 +416,7 @@ sgs_status sgs_reference_render(const double *params, size_t count, const sgs_ca
         sgsi_parallel_for((size_t)frame->height, 1, render_row, &job);
     else
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                           "reference: no memory for the hits of %zu primitives", count);
+                           "reference: not enough memory for the hits of %zu primitives", count);
     sgsi_free(job.hits);
     sgsi_reference_view_free(&view);
     return status;
@@ -433,7 +433,7 @@ size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *
     double direction[3];
     sgs_hit *all = sgsi_alloc(count ? count : 1, sizeof *all);
     if (!all)
-        sgsi_record_error("reference: no memory for the hits of %zu primitives", count);
+        sgsi_record_error("reference: not enough memory for the hits of %zu primitives", count);
     else if (x >= 0 && y >= 0 && x < camera->width && y < camera->height &&
              sgsi_reference_ray(&view, x, y, direction))
         found = sgsi_reference_trace(&view, direction, all);
@@ -462,7 +462,7 @@ sgs_status sgs_reference_frame_create(int width, int height, sgs_reference_frame
             if (!plane) {
                 sgs_reference_frame_free(frame);
                 return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                 "reference: no memory for %d x %d pixels", width, height);
+                                 "reference: not enough memory for %d x %d pixels", width, height);
             }
             sgsi_plane_set(frame, aovs[i].reference_offset, c, plane);
         }

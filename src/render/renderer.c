@@ -80,8 +80,8 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
             void *plane = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
             if (!plane) {
                 sgs_frame_free(frame);
-                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
-                                 width, height);
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                 "not enough memory for a frame of %dx%d pixels", width, height);
             }
             sgsi_plane_set(frame, aovs[i].offset, c, plane);
         }
@@ -112,7 +112,7 @@ sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **render
     *renderer = NULL;
     sgs_renderer *made = sgsi_calloc(1, sizeof *made);
     if (!made)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a renderer");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a renderer");
     made->model = model;
     made->changed = true;
     sgs_status status = sgsi_tracer_create(&made->tracer);
@@ -178,8 +178,9 @@ static sgs_status prepare_planes(sgs_renderer *renderer, const sgs_frame *frame)
             renderer->discarded = sgsi_alloc(floats, 4 * sizeof *renderer->discarded);
             renderer->discard_floats = renderer->discarded ? 4 * floats : 0;
             if (!renderer->discarded)
-                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a frame of %dx%d pixels",
-                                 frame->width, frame->height);
+                return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                 "not enough memory for a frame of %dx%d pixels", frame->width,
+                                 frame->height);
         }
         basic[k] = renderer->discarded + k * floats;
     }
@@ -222,7 +223,8 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
         renderer->normal_count = renderer->normals ? renderer->model->count : 0;
         if (!renderer->normals)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                             "no memory for the normals of %zu primitives", renderer->model->count);
+                             "not enough memory for the normals of %zu primitives",
+                             renderer->model->count);
     }
     sgsi_normals_fill(renderer->model, view->center, renderer->normals);
     aov->normals = renderer->normals;
@@ -243,7 +245,7 @@ static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *o
         renderer->filter_capacity = renderer->filter_3d ? capacity : 0;
         if (!renderer->filter_3d)
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                             "no memory for the 3D filter of %zu primitives", count);
+                             "not enough memory for the 3D filter of %zu primitives", count);
     }
     memcpy(renderer->filter_3d, options->filter_3d, count * sizeof *renderer->filter_3d);
     *filter_3d = renderer->filter_3d;
@@ -307,7 +309,7 @@ static sgs_status render_bands(sgs_renderer *renderer, const sgsi_view *view,
         if (status)
             return status;
         if (!options->progress(options->progress_user, (size_t)last, (size_t)rays->tiles_y))
-            return sgsi_fail(SGS_STATUS_CANCELLED, "the rendering was cancelled");
+            return sgsi_fail(SGS_STATUS_CANCELLED, "rendering was cancelled");
     }
     return SGS_STATUS_OK;
 }
@@ -375,7 +377,7 @@ sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *ca
         status = rows(context, y, height, renderer->deep.counts, renderer->deep.samples);
         if (!status && own.progress &&
             !own.progress(own.progress_user, (size_t)y + (size_t)height, (size_t)camera->height))
-            status = sgsi_fail(SGS_STATUS_CANCELLED, "the rendering was cancelled");
+            status = sgsi_fail(SGS_STATUS_CANCELLED, "rendering was cancelled");
     }
     return status;
 }
@@ -447,8 +449,9 @@ sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_fram
         renderer->zeros = sgsi_calloc(pixels, sizeof *renderer->zeros);
         renderer->zero_count = renderer->zeros ? pixels : 0;
         if (!renderer->zeros)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a gradient of %dx%d pixels",
-                             d_frame->width, d_frame->height);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory for a gradient of %dx%d pixels", d_frame->width,
+                             d_frame->height);
     }
     float *d_color[3];
     for (int c = 0; c < 3; ++c)

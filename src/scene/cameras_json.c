@@ -75,8 +75,8 @@ sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_t count,
     char *text = made ? json_dumps(list, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     json_decref(list);
     if (!text)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write %zu cameras", path,
-                         count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write %zu cameras",
+                         path, count);
     sgs_output_file file;
     sgs_status status = sgs_output_file_open(&file, path);
     if (!status) {
@@ -92,8 +92,8 @@ sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path
 {
     sgs_named_camera *cameras = sgsi_alloc(scene->view_count + 1, sizeof *cameras);
     if (!cameras)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write %zu cameras", path,
-                         scene->view_count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write %zu cameras",
+                         path, scene->view_count);
     size_t count = 0;
     for (int pass = 0; pass < 2; ++pass) {
         for (size_t k = 0; k < scene->view_count; ++k) {

@@ -49,8 +49,9 @@ typedef struct loader {
 
 static sgs_status no_memory(const loader *l)
 {
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s %llu: no memory for the rest of the file",
-                     l->path, l->unit, (unsigned long long)l->place);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "%s: %s %llu: not enough memory for the rest of the file", l->path, l->unit,
+                     (unsigned long long)l->place);
 }
 
 static bool grow(void **block, size_t count, size_t *capacity, size_t size)
@@ -576,7 +577,7 @@ static sgs_status read_file(loader *l, const char *folder, const char *name,
     uint8_t *content = NULL;
     size_t size = 0;
     if (!path)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to read it", folder);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", folder);
     sgs_status status = sgsi_file_read(path, 0, &content, &size);
     l->path = path;
     l->unit = binary ? "byte" : "line";

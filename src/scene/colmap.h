@@ -3,7 +3,7 @@
 #pragma once
 
 // Reads a COLMAP model: cameras, images and points3D, binary (preferred) or text. Does not access
-// photographs.
+// photos.
 
 #include "scene/dataset.h"
 

@@ -93,7 +93,7 @@ sgs_status sgsi_dataset_add_roots(const sgsi_dataset *dataset, const char *image
         before = name;
         char *folder = sgsi_format("%s/%.*s", image_folder, (int)length, name);
         if (!folder)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its folders",
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for its folders",
                              image_folder);
         const sgs_status status = sgsi_roots_add(roots, folder);
         sgsi_free(folder);
@@ -115,7 +115,8 @@ sgs_status sgsi_dataset_check_names(const sgsi_dataset *dataset, const char *pat
     const size_t count = dataset->frame_count;
     const sgsi_frame **order = sgsi_alloc(count, sizeof *order);
     if (!order)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu images", path, count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for %zu images", path,
+                         count);
     for (size_t i = 0; i < count; ++i)
         order[i] = &dataset->frames[i];
     qsort(order, count, sizeof *order, frame_order);

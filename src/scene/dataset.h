@@ -13,7 +13,7 @@
 #include "base/path_sandbox.h"
 #include "sparegs/scene.h"
 
-// A registered photograph. A camera of width 0 takes its size from the image file; a positive
+// A registered photo. A camera of width 0 takes its size from the image file; a positive
 // angle_x or angle_y is then the horizontal or vertical field of view (radians), and a NaN
 // principal point is the image centre.
 typedef struct sgsi_frame {

@@ -2,17 +2,17 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Loads a scene: camera files (scene_find.c, colmap.c, transforms.c), views (scene_views.c) and
-// photographs (scene_photos.c).
+// photos (scene_photos.c).
 //
 // Steps: find the files; read cameras and points; sort views by name; read the headers of the
-// photographs and fit each camera to the size of its photograph after downscaling; read the
-// photographs; drop views without one; split; measure the extent. Photographs are read in parallel.
+// photos and fit each camera to the size of its photo after downscaling; read the
+// photos; drop views without one; split; measure the extent. Photos are read in parallel.
 // A view depends on its own files only, and warnings are sent afterwards in view order, so the
 // result and the messages do not depend on the number of threads.
 //
 // As in 3DGS: the maximum width of 1600 pixels, every N-th of the sorted names as test set, and the
 // extent. Differences: images are area-averaged instead of bicubic; intrinsics are scaled to the
-// image's actual size per axis instead of keeping the field of view; views without a photograph are
+// image's actual size per axis instead of keeping the field of view; views without a photo are
 // dropped before the split.
 
 #include "sparegs/scene.h"

@@ -57,7 +57,8 @@ static sgs_status find_cameras(planner *p)
     const sgs_scene *scene = p->scene;
     p->centers = sgsi_alloc(scene->view_count, 3 * sizeof *p->centers);
     if (!p->centers)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to plan blocks", scene->path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to plan blocks",
+                         scene->path);
     for (size_t v = 0; v < scene->view_count; ++v) {
         double center[3];
         sgs_pose_center(&scene->views[v].pose, center);
@@ -71,7 +72,7 @@ static sgs_status find_cameras(planner *p)
     extend(p->centers, scene->view_count, p->low, p->high);
     const float side =
         fmaxf(p->high[0] - p->low[0], fmaxf(p->high[1] - p->low[1], p->high[2] - p->low[2]));
-    if (!(side > 0.0f)) // all photographs from one place
+    if (!(side > 0.0f)) // all photos from one place
         extend(scene->points, scene->point_count, p->low, p->high);
     return SGS_STATUS_OK;
 }
@@ -234,7 +235,8 @@ static sgs_status assign_views(planner *p)
     p->grown = sgsi_alloc(blocks, sizeof *p->grown);
     p->member = sgsi_calloc(views, blocks);
     if (!p->grown || !p->member)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to plan blocks", p->scene->path);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to plan blocks",
+                         p->scene->path);
     for (size_t b = 0; b < blocks; ++b)
         p->grown[b] = grow(p, &p->blocks->blocks[b].box);
     sgsi_parallel_for(views, 1, assign_view, p);
@@ -244,7 +246,7 @@ static sgs_status assign_views(planner *p)
             block->points += sgs_box_contains(&block->box, p->scene->points + 3 * i);
         block->views = sgsi_alloc(views, sizeof *block->views);
         if (!block->views)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to plan blocks",
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to plan blocks",
                              p->scene->path);
         for (size_t v = 0; v < views; ++v)
             if (p->member[v * blocks + b])
@@ -285,9 +287,9 @@ sgs_status sgs_blocks_plan(const sgs_scene *scene, const sgs_block_options *opti
     if (status)
         return status;
     blocks->blocks = sgsi_calloc((size_t)p.options.count, sizeof *blocks->blocks);
-    status = blocks->blocks
-                 ? find_cameras(&p)
-                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to plan blocks", scene->path);
+    status = blocks->blocks ? find_cameras(&p)
+                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                        "%s: not enough memory to plan blocks", scene->path);
     const sgs_box whole = sgs_box_infinite();
     if (!status)
         status = bisect(&p, &whole, p.options.count);

@@ -74,7 +74,7 @@ static bool read_pixel(const sgs_view_source *source, int x, int y, float value[
             break;
         case SGS_PIXEL_HALF:
             memcpy(&half, at, sizeof half);
-            // Unlike those of photographs, they may be negative, subnormal or not finite.
+            // Unlike those of photos, they may be negative, subnormal or not finite.
             value[c] = sgsi_float16_to(half);
             break;
         default:

@@ -31,7 +31,7 @@ void sgsi_scene_files_free(sgsi_scene_files *files)
 
 static sgs_status no_memory(const char *path)
 {
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to list the folder", path);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to list the folder", path);
 }
 
 // Finds the best model in base/0, base/1, ..., else in base itself; else *found is NULL.
@@ -129,7 +129,7 @@ static sgs_status fail_images(const char *path, const char *name)
                      path, name);
 }
 
-// model_only: `path` is a model itself (sparse/0), with the photographs next to `sparse`.
+// model_only: `path` is a model itself (sparse/0), with the photos next to `sparse`.
 static sgs_status find_images(const char *path, const char *images_dir, bool model_only,
                               sgsi_scene_files *files)
 {
@@ -177,7 +177,7 @@ static sgs_status report_missing(const char *path)
         SGS_STATUS_IO,
         "%s: no scene found: neither a COLMAP model (cameras and images, .bin or .txt, in "
         "sparse/0, sparse or colmap/sparse/0) nor transforms_train.json or transforms.json; "
-        "'sparegs reconstruct' estimates the cameras of photographs",
+        "'sparegs reconstruct' estimates the cameras of photos",
         path);
 }
 
@@ -310,7 +310,7 @@ typedef struct folder_id {
     ino_t inode;
 } folder_id;
 
-// A raw file next to its JPEG is not another photograph: only the extension may differ.
+// A raw file next to its JPEG is not another photo: only the extension may differ.
 static bool is_known(const search *s, const char *name)
 {
     const size_t length = (size_t)(strrchr(name, '.') + 1 - name); // with the dot
@@ -419,7 +419,7 @@ static void search_folder(search *s, const char *below, int depth)
     sgsi_free(path);
 }
 
-// Photographs behind links out of the data set cannot be read.
+// Photos behind links out of the data set cannot be read.
 static void search_link(search *s, const char *name)
 {
     char *path = sgsi_format("%s/%s", s->folder, name);

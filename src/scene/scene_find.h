@@ -14,7 +14,7 @@
 typedef struct sgsi_scene_files {
     bool colmap;        // otherwise transforms
     char *model_path;   // COLMAP: folder of cameras.bin; transforms: JSON file
-    char *image_folder; // names of photographs are relative to it
+    char *image_folder; // names of photos are relative to it
     // Parent of the mask folders. COLMAP: parent of the image folder by name, even if that is a
     // link; transforms: the image folder.
     char *mask_root;
@@ -26,14 +26,14 @@ sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_
 // Frees the contents and zeroes the struct.
 void sgsi_scene_files_free(sgsi_scene_files *files);
 
-// The folder of option images_dir, NULL = not given, in a transforms scene: photographs are in it
+// The folder of option images_dir, NULL = not given, in a transforms scene: photos are in it
 // instead of in the folder that their names begin with. *chosen is NULL without the option, after a
 // failure, and for COLMAP, where it is files->image_folder. Fails with IO if there is no such
 // folder.
 sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *images_dir,
                                     char **chosen);
 
-// Path of photograph `name`: folder/name, or if that does not exist the same name with another
+// Path of photo `name`: folder/name, or if that does not exist the same name with another
 // image extension, because folders of downscaled images often change it. NULL if out of memory.
 char *sgsi_scene_image_path(const char *folder, const char *name);
 

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A scene while it is loaded (scene.c): its views and their files (scene_views.c), its photographs
+// A scene while it is loaded (scene.c): its views and their files (scene_views.c), its photos
 // (scene_photos.c). Functions return OUT_OF_MEMORY, CANCELLED, or what they name.
 
 #include <stdbool.h>
@@ -16,7 +16,7 @@
 #include "scene/scene_find.h"
 #include "sparegs/scene.h"
 
-// Widest photograph that is not reduced if options.downscale is 0.
+// Widest photo that is not reduced if options.downscale is 0.
 enum { SGSI_AUTOMATIC_WIDTH = 1600 };
 
 // State of a view while it is loaded.
@@ -27,7 +27,7 @@ typedef struct sgsi_view_slot {
     int width, height;           // after downscaling
     int channels;
     bool linear;  // the file holds linear light
-    size_t bytes; // decoded size of the photograph
+    size_t bytes; // decoded size of the photo
     bool halves;  // it is kept in half floats
     size_t lens;  // index into sgsi_scene_loader.lenses
     bool dropped; // not among options.kept
@@ -51,14 +51,14 @@ typedef struct sgsi_scene_loader {
     bool mask_folder;  // a mask folder exists
     sgsi_lens_mask *lenses;
     size_t lens_count;
-    bool limited; // the photographs exceed the image cache
+    bool limited; // the photos exceed the image cache
     // If limited: of the views that are kept, and their decoded sizes.
     sgsi_photo_source *sources;
     size_t *bytes;
     sgs_scene *scene;
 } sgsi_scene_loader;
 
-// Only cameras are requested: photographs and masks are not accessed.
+// Only cameras are requested: photos and masks are not accessed.
 static inline bool sgsi_loader_cameras_only(const sgsi_scene_loader *l)
 {
     return l->options->cameras_only && !l->options->load_images;
@@ -67,23 +67,23 @@ static inline bool sgsi_loader_cameras_only(const sgsi_scene_loader *l)
 // Frees what a view owns.
 void sgsi_view_free(sgs_view *view);
 
-// Creates the views, sorted by name, with the paths of their photographs and masks. IO: no such
+// Creates the views, sorted by name, with the paths of their photos and masks. IO: no such
 // folder or mask.
 sgs_status sgsi_loader_make_views(sgsi_scene_loader *l);
 
 // Marks the views that options.kept does not name.
 sgs_status sgsi_loader_mark_dropped(sgsi_scene_loader *l);
 
-// Reads the headers of the photographs, fits the cameras to them, measures the white point, and
-// reads the photographs. An error of one photograph is kept in its slot. FORMAT: a camera does not
+// Reads the headers of the photos, fits the cameras to them, measures the white point, and
+// reads the photos. An error of one photo is kept in its slot. FORMAT: a camera does not
 // fit.
 sgs_status sgsi_loader_read_photos(sgsi_scene_loader *l);
 
-// Warns of photographs without a pose. Call it before views are dropped: unreadable photographs
+// Warns of photos without a pose. Call it before views are dropped: unreadable photos
 // have a pose.
 sgs_status sgsi_loader_count_unposed(sgsi_scene_loader *l);
 
-// Drops the views without a usable photograph, with warnings. Fails with the error of a slot that
+// Drops the views without a usable photo, with warnings. Fails with the error of a slot that
 // must not be skipped, and with IO or INVALID_ARGUMENT if no view is left.
 sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l);
 
@@ -91,7 +91,7 @@ sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l);
 // if no view is left.
 sgs_status sgsi_loader_drop_marked(sgsi_scene_loader *l);
 
-// Opens the image cache if the photographs exceed it. The cache takes ownership of the lens masks,
+// Opens the image cache if the photos exceed it. The cache takes ownership of the lens masks,
 // which it applies at each decoding.
 sgs_status sgsi_loader_open_store(sgsi_scene_loader *l);
 

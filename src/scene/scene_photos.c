@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Photographs of a scene: their sizes, the cameras fitted to them, their pixels, the white point,
+// Photos of a scene: their sizes, the cameras fitted to them, their pixels, the white point,
 // and the image cache. They are read in parallel.
 
 #include "scene/scene_loader.h"
@@ -33,7 +33,7 @@ static void reduced_size(int downscale, sgsi_view_slot *s)
     s->height = s->height < 1 ? 1 : s->height;
 }
 
-// Completes a camera without size (see sgsi_frame) and fits it to its photograph.
+// Completes a camera without size (see sgsi_frame) and fits it to its photo.
 static sgs_status fit_camera(const sgsi_frame *frame, const sgsi_view_slot *s, const sgs_view *view,
                              sgs_camera *out)
 {
@@ -74,7 +74,7 @@ static void set_size(const sgsi_scene_loader *l, sgsi_view_slot *s, int width, i
     reduced_size(l->options->downscale, s);
 }
 
-// Reads size and format of the photograph. If its pixels are not loaded, also checks that the file
+// Reads size and format of the photo. If its pixels are not loaded, also checks that the file
 // is complete.
 static void probe_photo(const sgsi_scene_loader *l, size_t i)
 {
@@ -103,7 +103,7 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
     keep_error(s);
 }
 
-// Without photographs, the size is that of the camera or else that of the options.
+// Without photos, the size is that of the camera or else that of the options.
 static void probe(const sgsi_scene_loader *l, size_t i)
 {
     sgsi_view_slot *s = &l->slots[i];
@@ -203,7 +203,7 @@ static void add_light(void *context, size_t i, int thread)
                          l->options->colorspace);
 }
 
-// White point: the 99 % quantile of the light in a sample of the linear photographs.
+// White point: the 99 % quantile of the light in a sample of the linear photos.
 static sgs_status measure_white_point(sgsi_scene_loader *l)
 {
     light_job job = {.loader = l};

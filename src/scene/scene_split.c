@@ -13,13 +13,13 @@
 
 #include "base/core.h"
 
-// Rounding of positions that causes a warning: pixels of a photograph from a distance of the
+// Rounding of positions that causes a warning: pixels of a photo from a distance of the
 // scene's size.
 static const double COARSE_STEP = 0.1;
 
 sgs_status sgsi_scene_no_memory(const char *path)
 {
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for the scene", path);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for the scene", path);
 }
 
 sgs_status sgsi_scene_cancelled(const char *path)
@@ -261,7 +261,7 @@ static sgs_status warn_far_from_origin(const sgs_scene *scene)
     const double size = fmax(scene->extent, median);
     if (!status && pixels > COARSE_STEP * size)
         sgsi_warn("%s: the cameras are %.3g units from the origin, where positions have steps of "
-                  "%.2g units, about %.2g pixels of the photographs; subtract the same offset from "
+                  "%.2g units, about %.2g pixels of the photos; subtract the same offset from "
                   "all cameras and points",
                   scene->model_path, (double)farthest, step, pixels / size);
     return status;
@@ -318,7 +318,7 @@ void sgsi_scene_warn_centers(const sgs_scene *scene)
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
         double fx, fy, cx, cy;
-        if (view->camera.width == 0) // a view without photograph
+        if (view->camera.width == 0) // a view without photo
             continue;
         sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
         if (cx >= 0 && cx <= view->camera.width && cy >= 0 && cy <= view->camera.height)

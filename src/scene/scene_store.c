@@ -32,7 +32,7 @@ sgs_status sgsi_scene_store_create(const sgsi_photo_source *sources, const size_
         for (size_t i = 0; i < plane_count; ++i)
             sgsi_free(planes[i]);
         sgsi_free(planes);
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the image cache");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the image cache");
     }
     *made = left;
     const sgs_status status = sgsi_photo_cache_create(sources, bytes, count, limit, &made->cache);
@@ -65,7 +65,7 @@ sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, int width,
     *photo = (sgs_photo){0};
     if (index >= scene->view_count || scene->format == SGS_SCENE_MEMORY || width < 1 || height < 1)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: no file of a photograph %zu to read at %d x %d pixels", scene->path,
+                         "%s: view %zu has no image file to read at %d x %d pixels", scene->path,
                          index, width, height);
     const sgsi_photo_source source = {.image_path = scene->views[index].image_path,
                                       .width = width,

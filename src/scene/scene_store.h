@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Source of a scene's photographs if they exceed the image cache. Created by scene.c; photographs
+// Source of a scene's photos if they exceed the image cache. Created by scene.c; photos
 // are read through sgs_scene_photo.
 
 #include "image/photo_cache.h"

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Views of a scene: names, paths and masks before the photographs are read; afterwards, which of
+// Views of a scene: names, paths and masks before the photos are read; afterwards, which of
 // them are dropped.
 
 #include "scene/scene_loader.h"
@@ -139,17 +139,18 @@ static sgs_status check_fatal(const sgsi_scene_loader *l)
         failed += s->status != SGS_STATUS_OK;
         if (s->status == SGS_STATUS_OUT_OF_MEMORY || s->report.mask_failed ||
             (s->status == SGS_STATUS_UNSUPPORTED && l->options->colorspace))
-            return sgsi_fail(s->status, "%s", s->error ? s->error : "no memory for the images");
+            return sgsi_fail(s->status, "%s",
+                             s->error ? s->error : "not enough memory for the images");
     }
     if (sgsi_loader_cameras_only(l) && failed == l->scene->view_count)
         return sgsi_fail(SGS_STATUS_IO,
-                         "%s: no image size, and no photographs to take it from; add 'w' and 'h', "
+                         "%s: no image size, and no photos to take it from; add 'w' and 'h', "
                          "or give it with option view_width",
                          l->scene->model_path);
     return SGS_STATUS_OK;
 }
 
-// True if the view has a photograph with valid pixels; warns otherwise.
+// True if the view has a photo with valid pixels; warns otherwise.
 static bool is_usable(sgsi_scene_loader *l, size_t i, view_tally *tally)
 {
     sgs_scene *scene = l->scene;

@@ -10,7 +10,7 @@
 // are repaired by polar decomposition; larger deviations from a rotation are errors.
 //
 // Intrinsics are global, per frame (these take precedence), or reduced to camera_angle_x and
-// camera_angle_y; without w and h the photograph's size completes these (see sgsi_frame). NeRF
+// camera_angle_y; without w and h the photo's size completes these (see sgsi_frame). NeRF
 // synthetic omits ".png" in file_path and composites its RGBA images over white. Errors count
 // frames from 0, as JSON paths do.
 
@@ -130,7 +130,7 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
 {
     const double w = in->value[KEY_W], h = in->value[KEY_H];
     if (isnan(w) && isnan(h))
-        return SGS_STATUS_OK; // taken from the photograph
+        return SGS_STATUS_OK; // taken from the photo
     if (!(w >= 1 && w <= MAX_SIZE && h >= 1 && h <= MAX_SIZE))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
@@ -227,7 +227,7 @@ static sgs_status read_camera(reader *r, const intrinsics *in, sgsi_frame *frame
     p[0] = or_else(fl_x, or_else(from_x, or_else(fl_y, from_y)));
     p[1] = or_else(fl_y, isnan(fl_x) ? or_else(from_y, p[0]) : fl_x);
     if (camera->width == 0 && isnan(fl_x) && !sgs_camera_is_fisheye(camera->model)) {
-        frame->angle_x = or_else(in->value[KEY_ANGLE_X], 0); // completed by the photograph's size
+        frame->angle_x = or_else(in->value[KEY_ANGLE_X], 0); // completed by the photo's size
         frame->angle_y = isnan(fl_y) ? or_else(in->value[KEY_ANGLE_Y], 0) : 0;
     }
     if (isnan(p[0]) && sgs_camera_is_fisheye(camera->model))
@@ -368,7 +368,7 @@ static sgs_status read_path(const reader *r, const json_t *object, const char *k
                          key);
     *path = image_name(file, extension);
     if (!*path)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: no memory", r->path, r->where);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: not enough memory", r->path, r->where);
     const char *problem = sgsi_image_name_clean(*path);
     if (problem)
         return sgsi_fail(SGS_STATUS_FORMAT,
@@ -418,7 +418,8 @@ static sgs_status read_frames(reader *r, const json_t *root, sgs_split split)
     if (status)
         return status;
     if (!sgsi_grow((void **)&d->frames, d->frame_count, d->frame_count + count, sizeof *d->frames))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for %zu frames", r->path, count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for %zu frames", r->path,
+                         count);
     for (size_t i = 0; i < count && !status; ++i) {
         snprintf(r->where, sizeof r->where, "frame %zu", i);
         sgsi_frame *frame = &d->frames[d->frame_count++];
@@ -570,9 +571,9 @@ static sgs_status apply_lists(const char *path, const json_t *root, sgsi_dataset
     const bool done = index.sorted && index.listed;
     sgsi_free(index.sorted);
     sgsi_free(index.listed);
-    return done
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory for its lists of images", path);
+    return done ? SGS_STATUS_OK
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                            "%s: not enough memory for its lists of images", path);
 }
 
 // Replaces the file name of `path` by `name`.
@@ -599,7 +600,7 @@ static void read_points(const char *path, const json_t *root, sgsi_dataset *data
              sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points,
                                    &dataset->colors))
         sgsi_warn("%s; the scene has no points",
-                  cloud ? sgs_last_error() : "no memory for the points");
+                  cloud ? sgs_last_error() : "not enough memory for the points");
     sgsi_roots_free(&roots);
     sgsi_free(folder);
     sgsi_free(cloud);
@@ -632,7 +633,7 @@ sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset)
         dataset->white_background = true;
         char *test = sibling_path(path, TEST_FILE);
         if (!test)
-            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory", path);
+            status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory", path);
         else if (!access(test, F_OK)) {
             status = read_file(test, SGS_SPLIT_TEST, dataset);
             dataset->has_split = true;

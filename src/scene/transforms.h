@@ -3,7 +3,7 @@
 #pragma once
 
 // Reads the camera files of NeRF synthetic (transforms_train.json, transforms_test.json) and of
-// nerfstudio and instant-ngp (transforms.json). Does not access photographs.
+// nerfstudio and instant-ngp (transforms.json). Does not access photos.
 
 #include "scene/dataset.h"
 

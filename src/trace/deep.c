@@ -39,7 +39,7 @@ sgs_status sgsi_deep_reserve(sgsi_deep *deep, const sgs_deep_options *options, i
         return SGS_STATUS_OK;
     sgsi_deep_free(deep);
     return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                     "no memory for %d deep samples in each of %d x %d pixels",
+                     "not enough memory for %d deep samples in each of %d x %d pixels",
                      options->max_samples, width, rows);
 }
 

@@ -25,7 +25,7 @@ sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
     *tracer = NULL;
     sgsi_tracer *made = sgsi_calloc(1, sizeof *made);
     if (!made)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the tracer");
     const sgs_status status = sgsi_bvh_create(&made->bvh);
     if (status) {
         sgsi_free(made);
@@ -121,7 +121,7 @@ static sgs_status equalize_threads(sgsi_tracer *tracer)
             state->gathered.capacity = grown ? gathered : state->gathered.capacity;
         }
         if (!grown)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of a view");
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the lists of a view");
     }
     return SGS_STATUS_OK;
 }
@@ -132,7 +132,8 @@ sgs_status sgsi_tracer_prepare_threads(sgsi_tracer *tracer)
         if (!tracer->threads[i])
             tracer->threads[i] = sgsi_calloc(1, sizeof *tracer->threads[i]);
         if (!tracer->threads[i])
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the tracer's threads");
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory for the tracer's threads");
         tracer->threads[i]->status = SGS_STATUS_OK;
     }
     return SGS_STATUS_OK;
@@ -165,7 +166,8 @@ static sgs_status reserve_primitives(sgsi_tracer *tracer, size_t capacity)
         return SGS_STATUS_OK;
     }
     tracer->capacity = 0;
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to trace %zu primitives", capacity);
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to trace %zu primitives",
+                     capacity);
 }
 
 sgs_status sgsi_render_options_check(const sgs_render_options *options)
@@ -215,8 +217,8 @@ sgs_status sgsi_tracer_receive(sgsi_tracer *tracer, size_t count, sgsi_received 
     }
     if (count > tracer->row_capacity) {
         if (!sgsi_grow((void **)&tracer->rows, 0, larger, sizeof *tracer->rows))
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to receive %zu primitives",
-                             count);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory to receive %zu primitives", count);
         tracer->row_capacity = larger;
     }
     tracer->count = count;
@@ -398,8 +400,9 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
     const bool sortable =
         gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
     if (!state->status && (!sortable || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
-        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                  "no memory for the %zu candidates of a macrotile", gathered);
+        state->status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                      "not enough memory for the %zu candidates of a macrotile", gathered);
     if (state->status)
         return 0;
     const size_t kept = sgsi_kernels_get()->macrotile_filter(
@@ -443,7 +446,8 @@ static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
     uint32_t *words = sgsi_arena_take(&state->arena, count + block_hits);
     if (!words) {
         list->count = 0;
-        state->status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of a tile");
+        state->status =
+            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the lists of a tile");
         return;
     }
     list->ids = words;
@@ -552,9 +556,9 @@ static sgs_status reserve_lists(sgsi_tracer *tracer, size_t tiles)
     tracer->lists = sgsi_calloc(tiles, sizeof *tracer->lists);
     tracer->slot_begin = sgsi_calloc(tiles + 1, sizeof *tracer->slot_begin);
     tracer->list_capacity = tracer->lists && tracer->slot_begin && tracer->macrotiles ? tiles : 0;
-    return tracer->list_capacity
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %zu tiles", tiles);
+    return tracer->list_capacity ? SGS_STATUS_OK
+                                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                             "not enough memory for the lists of %zu tiles", tiles);
 }
 
 static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gather, double *blend)
@@ -577,7 +581,7 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
     *gather = total > 0.0 ? wall * gather_seconds / total : 0.0;
     *blend = wall - *gather;
     return status == SGS_STATUS_OUT_OF_MEMORY
-               ? sgsi_fail(status, "no memory for the candidates of a tile")
+               ? sgsi_fail(status, "not enough memory for the candidates of a tile")
                : status;
 }
 

@@ -184,7 +184,8 @@ static sgs_status reserve_cell_sums(sgsi_tracer *tracer)
         sums->ids = sgsi_calloc(rows, sizeof *sums->ids);
         sums->sums = sgsi_alloc(rows, SGSI_PROJECTED_FLOATS * sizeof *sums->sums);
         if (!sums->where || !sums->ids || !sums->sums)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to add the gradients of a view");
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory to add the gradients of a view");
         sums->capacity = rows;
     }
     return SGS_STATUS_OK;
@@ -195,7 +196,8 @@ static sgs_status reserve_buckets(sgsi_tracer *tracer, size_t required)
     if (required <= tracer->bucket_capacity)
         return SGS_STATUS_OK;
     if (!sgsi_grow((void **)&tracer->buckets, 0, required, sizeof *tracer->buckets))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort the gradients of a view");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory to sort the gradients of a view");
     tracer->bucket_capacity = required;
     return SGS_STATUS_OK;
 }
@@ -209,9 +211,9 @@ static sgs_status reserve_slots(sgsi_tracer *tracer, size_t slots)
     tracer->slot_order = sgsi_alloc(slots, sizeof *tracer->slot_order);
     tracer->slot_sums = sgsi_alloc(slots, SGSI_PROJECTED_FLOATS * sizeof *tracer->slot_sums);
     tracer->slot_capacity = tracer->slot_order && tracer->slot_sums ? slots : 0;
-    return tracer->slot_capacity
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu gradient slots", slots);
+    return tracer->slot_capacity ? SGS_STATUS_OK
+                                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                             "not enough memory for %zu gradient slots", slots);
 }
 
 // Where each tile's slots begin, in the order of the cells.
@@ -277,7 +279,8 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
     tracer->seconds.backward = sgsi_seconds() - start - reducing;
     for (int i = 0; i < sgsi_threads(); ++i)
         if (tracer->threads[i]->status)
-            return sgsi_fail(tracer->threads[i]->status, "no memory for the gradients of a tile");
+            return sgsi_fail(tracer->threads[i]->status,
+                             "not enough memory for the gradients of a tile");
     return SGS_STATUS_OK;
 }
 

@@ -47,8 +47,8 @@ sgs_status sgsi_records_begin(sgsi_tracer *tracer, size_t buckets)
     if (buckets > tracer->record_capacity) {
         if (!sgsi_grow((void **)&tracer->records, tracer->record_capacity, buckets,
                        sizeof *tracer->records))
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu buckets of gradients",
-                             buckets);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory for %zu buckets of gradients", buckets);
         for (size_t i = tracer->record_capacity; i < buckets; ++i)
             tracer->records[i] = (sgsi_bucket_records){0};
         tracer->record_capacity = buckets;
@@ -163,7 +163,8 @@ static sgs_status reserve_fold(fold_job *job)
         tracer->fold_capacity = done ? larger : tracer->fold_capacity;
     }
     return done ? SGS_STATUS_OK
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to add %zu gradients", total);
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to add %zu gradients",
+                            total);
 }
 
 sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const sgsi_sum_list *lists, int count)

@@ -280,7 +280,7 @@ static sgs_status write_file(const sgs_trainer *trainer, const char *path)
     sgs_status status =
         list_fields(trainer, &options, &progress)
             ? sgsi_sections_create(&sections, path)
-            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     sgs_status sent = SGS_STATUS_OK;
     if (!status) {
         sent = visit_all(&sections, trainer, &options, &progress);
@@ -508,7 +508,7 @@ static sgs_status make_room(sgs_trainer *trainer, size_t count)
         sgsi_free(v);
         sgs_gaussians_destroy(model);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "no memory for the %zu primitives of a checkpoint", n);
+                         "not enough memory for the %zu primitives of a checkpoint", n);
     }
     model->sh_degree = trainer->options.sh_degree;
     sgs_gaussians_destroy(trainer->model);

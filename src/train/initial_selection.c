@@ -98,7 +98,7 @@ sgs_status sgsi_thin_points(const float *points, size_t n, size_t wanted, uint8_
     if (order && score && marks)
         status = thin(points, n, wanted, order, score, marks, chosen);
     else
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", n);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu points", n);
     sgsi_free(order);
     sgsi_free(score);
     sgsi_free(marks);
@@ -111,7 +111,7 @@ sgs_status sgsi_select_largest(const sgs_gaussians *model, const uint8_t *eligib
     const size_t n = model->count;
     double *score = sgsi_alloc(n ? n : 1, sizeof *score);
     if (!score)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to rank %zu primitives", n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to rank %zu primitives", n);
     for (size_t i = 0; i < n; ++i) {
         float sum = 0.0f, least = INFINITY;
         for (int k = 0; k < 3; ++k) {

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Estimate of the memory of a training before it starts. Photographs, rays, parameters, moments,
+// Estimate of the memory of a training before it starts. Photos, rays, parameters, moments,
 // statistics and projected records are counted exactly. Candidates of the fullest tile, gradient
 // records per tile and primitive, and the copies of a structural update depend on the scene; their
 // constants were fitted to the peak RSS of 37 training runs of five scenes with up to 67 000
@@ -103,9 +103,9 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
         tiles += tile_count(&view->camera);
     }
     const bool cached = image_cache && scene->photo_bytes > image_cache;
-    size_t photographs = cached ? image_cache : scene->photo_bytes;
+    size_t photos = cached ? image_cache : scene->photo_bytes;
     if (!sgs_box_is_infinite(&own.region)) // the targets of a region
-        photographs += scene->photo_bytes;
+        photos += scene->photo_bytes;
     const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads();
     // The cap does not count the primitives outside of a region.
     const size_t rows =
@@ -118,14 +118,14 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
         (shrinks || (known && !own.init && sgsi_train_schedule(scene, &own).half_size_until)) &&
         !scene->float_images;
     if (reduces && !cached)
-        photographs += scene->photo_bytes / 4; // at half the size or less
+        photos += scene->photo_bytes / 4; // at half the size or less
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t batch_bytes = own.batch > 1 ? (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
     const size_t rays = ray_pixels(scene) * RAY_BYTES * (reduces ? 5 : 4) / 4;
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
-    return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photographs +
+    return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photos +
            largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) +
            row_bytes(rows, ROW_BYTES + batch_bytes, scores, ranks < 1 ? 1 : ranks) + lists +
            tiles * TILE_BYTES * (ranks > 1 ? 2 : 1) + grid_bytes(&own);

@@ -34,7 +34,7 @@ static sgs_status run(sgs_trainer *trainer, const sgs_finetune_options *options)
     while (!status && info.stop == SGS_STOP_NONE) {
         status = sgs_trainer_step(trainer, &info);
         if (!status && options->progress && !options->progress(options->progress_user, &info))
-            status = sgsi_fail(SGS_STATUS_CANCELLED, "the fine-tuning was cancelled");
+            status = sgsi_fail(SGS_STATUS_CANCELLED, "fine-tuning was cancelled");
     }
     return status;
 }

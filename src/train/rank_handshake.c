@@ -135,7 +135,7 @@ static sgs_status describe_views(FILE *out, const sgsi_train_views *views)
         const sgs_status status = sgs_scene_photo(views->scene, views->scene_views[i], &photo);
         if (status)
             return status;
-        fprintf(out, "camera of %s: %016" PRIx64 "\nphotograph %s: %016" PRIx64 "\n", view->name,
+        fprintf(out, "camera of %s: %016" PRIx64 "\nphoto %s: %016" PRIx64 "\n", view->name,
                 sgs_rank_camera_digest(&view->camera, &view->pose), view->name,
                 sgs_rank_photo_digest(photo));
     }
@@ -158,8 +158,8 @@ sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussian
         status = describe_views(out, views);
     }
     if ((!out || fclose(out)) && !status)
-        status =
-            sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to describe %zu views", views->count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to describe %zu views",
+                           views->count);
     free(program);
     status = sgs_ranks_compare(ranks, status, text ? text : "");
     free(text);

@@ -121,7 +121,7 @@ sgs_status sgs_rank_renderer_create(sgs_ranks *ranks, const sgs_scene *scene, co
     sgs_rank_renderer *made = sgsi_calloc(1, sizeof *made);
     sgs_status status =
         made ? create_views(made, ranks, scene, options)
-             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to render on several ranks");
+             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to render on several ranks");
     status = sgs_ranks_agree(ranks, status);
     if (!status)
         status = share_model(made, ranks, path);

@@ -162,7 +162,7 @@ static sgs_status reserve(prediction *p)
     p->seen = sgsi_calloc(p->input->rows + 1, sizeof *p->seen);
     return p->cut && p->items && p->owner && p->seen
                ? sgsi_shard_routes_create(p->ranks, &p->routes)
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the lists of %d ranks",
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the lists of %d ranks",
                            p->ranks);
 }
 

@@ -1,10 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Blocks are trained independently and then merged. If each of them matched the photographs
+// Blocks are trained independently and then merged. If each of them matched the photos
 // everywhere, each would also correct the errors that its neighbours correct, and the merged model
 // would contain corrections twice. Therefore each block corrects only its own share. With the
-// initial model's image I and the photograph P, block k is trained towards
+// initial model's image I and the photo P, block k is trained towards
 //   I + w_k (P - I),   w_k = sum over its own hits of T alpha / sum over all hits of T alpha.
 // The w_k of all blocks add up to 1, so to first order the corrections add up to P - I. Where no
 // primitive is hit w_k is 1: what appears there is new.
@@ -80,7 +80,7 @@ static void compose_row(void *context, size_t y, int thread)
     }
 }
 
-// Memory for a photograph like `from`, with a copy of its mask.
+// Memory for a photo like `from`, with a copy of its mask.
 static sgs_status copy_shape(const sgs_photo *from, sgs_photo *to)
 {
     const size_t values = (size_t)from->channels * (size_t)from->width * (size_t)from->height,
@@ -90,7 +90,7 @@ static sgs_status copy_shape(const sgs_photo *from, sgs_photo *to)
     to->halves = from->halves ? sgsi_alloc(values, sizeof *to->halves) : NULL;
     to->valid_mask = from->valid_mask ? sgsi_alloc(words, sizeof *to->valid_mask) : NULL;
     if ((!to->pixels && !to->halves) || (from->valid_mask && !to->valid_mask))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the images of a region");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the images of a region");
     if (to->valid_mask)
         memcpy(to->valid_mask, from->valid_mask, words * sizeof *to->valid_mask);
     return SGS_STATUS_OK;
@@ -132,15 +132,16 @@ sgs_status sgsi_region_targets_make(sgsi_train_views *views, const sgs_gaussians
     sgs_gaussians *marks = NULL;
     sgs_photo *targets = sgsi_calloc(views->count, sizeof *targets);
     float *color = sgsi_alloc(views->plane_floats, 3 * sizeof *color);
-    sgs_status status = targets && color ? make_marks(model, own, &marks)
-                                         : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                                     "no memory for the images of a region");
+    sgs_status status =
+        targets && color
+            ? make_marks(model, own, &marks)
+            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the images of a region");
     for (size_t i = 0; i < views->count && !status; ++i) {
         sgsi_train_view view = {.index = i,
                                 .filter_3d = filter_3d,
                                 .sh_degree = views->options->sh_degree,
                                 .seconds = &ignored};
-        views->targets = NULL; // fetch the photograph
+        views->targets = NULL; // fetch the photo
         status = sgsi_train_view_fetch(views, &view);
         views->targets = targets;
         if (!status)

@@ -70,8 +70,8 @@ static sgs_status reserve(sgsi_shard_routes *routes, size_t cells, size_t words)
         routes->found_capacity = done ? words : routes->found_capacity;
     }
     return done ? SGS_STATUS_OK
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to divide a view among %d ranks",
-                            routes->ranks);
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                            "not enough memory to divide a view among %d ranks", routes->ranks);
 }
 
 // Camera to world, in double precision: narrow cones need it.

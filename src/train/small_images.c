@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // All views are reduced when the scale changes and kept until the next change. If the scene has an
-// image cache, they may not fit in memory: each is reduced when it is used. Half-float photographs
+// image cache, they may not fit in memory: each is reduced when it is used. Half-float photos
 // are not reduced: a run with any of them trains at full resolution.
 
 #include "train/small_images.h"
@@ -20,10 +20,10 @@ static sgs_image8 pixels_of(const sgs_photo *photo)
                         .pixels = photo->pixels};
 }
 
-// The photographs of a plan.
+// The photos of a plan.
 typedef struct plan_source {
     const sgsi_train_views *views;
-    uint8_t *bytes; // of a photograph with alpha, over the background
+    uint8_t *bytes; // of a photo with alpha, over the background
 } plan_source;
 
 static void view_size(void *context, size_t i, int *width, int *height)
@@ -39,7 +39,7 @@ static sgs_status photo_8bit(const sgsi_train_views *views, size_t i, const sgs_
     const sgs_status status = sgsi_train_view_photo(views, i, photo);
     if (status || (*photo)->pixels)
         return status;
-    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: photographs are not 8-bit", views->scene->path);
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: photos are not 8-bit", views->scene->path);
 }
 
 // What the loss compares: colours of transparent pixels do not count.
@@ -56,7 +56,7 @@ static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
     sgsi_free(source->bytes);
     source->bytes = sgsi_alloc((size_t)photo->width * (size_t)photo->height, 3);
     if (!source->bytes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for an image of %dx%d pixels",
                          photo->width, photo->height);
     sgsi_photo_over_bytes(photo, source->views->options->background, source->bytes);
     image->channels = 3;
@@ -132,7 +132,7 @@ static sgs_status reduce_view(const sgsi_train_views *views, size_t i, int scale
     out->valid_mask =
         sgsi_calloc(sgs_mask_words(out->width) * (size_t)out->height, sizeof *out->valid_mask);
     if (!out->valid_mask)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a mask of %dx%d pixels",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a mask of %dx%d pixels",
                          out->width, out->height);
     reduce_mask(photo, out);
     return SGS_STATUS_OK;
@@ -150,8 +150,8 @@ sgs_status sgsi_small_images_make(const sgsi_train_views *views, int scale,
     const size_t count = views->scene->store ? 1 : views->count;
     images->photos = sgsi_calloc(count, sizeof *images->photos);
     if (!images->photos)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views at a smaller size",
-                         count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for %zu views at a smaller size", count);
     images->count = count;
     sgs_status status = SGS_STATUS_OK;
     for (size_t i = 0; i < count && !status; ++i)

@@ -3,23 +3,23 @@
 #pragma once
 
 // Training views at a reduced size, for runs that start with small images: the plan of the
-// sizes, and the photographs of one size. Independent of model and schedule.
+// sizes, and the photos of one size. Independent of model and schedule.
 
 #include "density/resolution.h"
 #include "train/train_view.h"
 
-// Plans the sizes for iterations up to `until`. Fails with UNSUPPORTED when a photograph is not
+// Plans the sizes for iterations up to `until`. Fails with UNSUPPORTED when a photo is not
 // 8-bit.
 sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi_resolution *plan);
 
-// The photographs at `scale` (>= 1), or images->scale 0 if it is the current scale. Reduces them
+// The photos at `scale` (>= 1), or images->scale 0 if it is the current scale. Reduces them
 // all, unless the scene has an image cache. Fails with OUT_OF_MEMORY, with UNSUPPORTED when a
-// photograph is not 8-bit, or as sgs_scene_photo; *images is then empty.
+// photo is not 8-bit, or as sgs_scene_photo; *images is then empty.
 sgs_status sgsi_small_images_make(const sgsi_train_views *views, int scale,
                                   sgsi_small_images *images);
 void sgsi_small_images_free(sgsi_small_images *images);
 
-// The photograph of training view `index` at the current scale, which is above 1. Valid until the
+// The photo of training view `index` at the current scale, which is above 1. Valid until the
 // next call. Fails as sgsi_small_images_make.
 sgs_status sgsi_small_images_photo(const sgsi_train_views *views, size_t index,
                                    const sgs_photo **photo);

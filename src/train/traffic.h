@@ -13,7 +13,7 @@ typedef struct sgsi_traffic {
     const sgsi_tracer *rows;   // of the rows that the optimiser visits
     size_t primitives, pixels, tiles, macrotiles;
     int sh_degree;     // bands in use
-    int channels;      // of the photograph; each counts as one byte per pixel
+    int channels;      // of the photo; each counts as one byte per pixel
     bool collects;     // collects statistics for density control
     bool steps, dense; // the optimiser steps; steps every row
 } sgsi_traffic;

@@ -499,7 +499,7 @@ static const sgs_train_option table[] = {
      .low = 0,
      .high = 1,
      .values = "X",
-     .help = "largest deviation of the densification weight from 1 (gamma_0); not read by product "
+     .help = "largest deviation of the densification weight from 1 (gamma_0); ignored by product "
              "and plain",
      .group = spare_gs,
      ALL_PIPELINES,

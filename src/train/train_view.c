@@ -20,8 +20,8 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     views->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
     views->planes = sgsi_calloc_shared(views->plane_floats, planes * sizeof(float));
     if (!views->planes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for images of %dx%d pixels", width,
-                         height);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for images of %dx%d pixels",
+                         width, height);
     sgs_status status = sgsi_tracer_create(&views->tracer);
     views->rows = views->tracer;
     if (!status)
@@ -57,7 +57,8 @@ static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
     views->depth_bounds = sgsi_calloc(most, sizeof *views->depth_bounds);
     views->tile_counts = sgsi_calloc(most, sizeof *views->tile_counts);
     if (!views->scene_views || !views->depth_bounds || !views->tile_counts)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", scene->view_count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views",
+                         scene->view_count);
     *width = *height = 1;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
@@ -70,7 +71,7 @@ static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
         views->tile_counts[k] = tiles;
         views->depth_bounds[k] = sgsi_alloc(tiles, sizeof(float));
         if (!views->depth_bounds[k])
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views",
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views",
                              scene->view_count);
         *width = view->camera.width > *width ? view->camera.width : *width;
         *height = view->camera.height > *height ? view->camera.height : *height;
@@ -115,7 +116,7 @@ sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_optio
     if (!status && !views->count)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            has_training_view(scene)
-                               ? "%s: the training views have no photographs; load the scene with "
+                               ? "%s: the training views have no photos; load the scene with "
                                  "option load_images, or set the pixels of its views"
                                : "%s: no training views; hold out fewer",
                            scene->path);

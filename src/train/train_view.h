@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The stages of an iteration for one training view: photograph, rays, BVH, image, loss with its
+// The stages of an iteration for one training view: photo, rays, BVH, image, loss with its
 // gradient image, gradient sums per primitive. One function per stage, called in the order below.
 // Independent of trainer, optimiser and density control. For views that are only rendered, the
 // stages end with the image.
@@ -15,7 +15,7 @@
 #include "sparegs/trainer.h"
 #include "trace/tracer.h"
 
-// The photographs of the training views at a reduced size.
+// The photos of the training views at a reduced size.
 typedef struct sgsi_small_images {
     int scale;         // down-scaling; 0 = not set yet
     sgs_photo *photos; // NULL at scale 1; [count], or one if the scene has an image cache
@@ -33,7 +33,7 @@ typedef struct sgsi_train_views {
     size_t *tile_counts;  // [count]
     sgsi_small_images small_images;
     float ssim_weight, ssim_sigma; // of the loss
-    sgs_photo *targets;            // [count] instead of the photographs, for a region; NULL without
+    sgs_photo *targets;            // [count] instead of the photos, for a region; NULL without
     sgsi_tracer *tracer;           // of the primitives that are drawn
     // Projects the rows of the model and has their gradient sums: the same, unless ranks share the
     // rows.
@@ -96,18 +96,18 @@ static inline sgs_ranks_purpose sgsi_train_view_purpose(const sgsi_train_view *v
 sgs_status sgsi_train_views_create(const sgs_scene *scene, const sgs_train_options *options,
                                    sgsi_train_views *views);
 void sgsi_train_views_free(sgsi_train_views *views); // accepts a zeroed one
-// Views to render: all views of the scene, without photographs, loss and gradients. Fails as above.
+// Views to render: all views of the scene, without photos, loss and gradients. Fails as above.
 sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_options *render,
                                    sgsi_train_views *views);
 
 // The schedule of a run on the training views of a scene, which may be loaded without its
-// photographs. Cannot fail.
+// photos. Cannot fail.
 sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options);
 
 // Sets all depth bounds to "unknown". Cannot fail.
 void sgsi_train_views_forget_depths(sgsi_train_views *views);
 
-// The photograph, or target, of a view at full size. Fails as sgs_scene_photo does.
+// The photo, or target, of a view at full size. Fails as sgs_scene_photo does.
 static inline sgs_status sgsi_train_view_photo(const sgsi_train_views *views, size_t index,
                                                const sgs_photo **photo)
 {
@@ -117,7 +117,7 @@ static inline sgs_status sgsi_train_view_photo(const sgsi_train_views *views, si
     return SGS_STATUS_OK;
 }
 
-// The photograph, valid until the next call, and its camera. Fails as sgs_scene_photo or
+// The photo, valid until the next call, and its camera. Fails as sgs_scene_photo or
 // sgsi_small_images_photo does, without a change.
 sgs_status sgsi_train_view_fetch(const sgsi_train_views *views, sgsi_train_view *view);
 // Rays of the camera, projected primitives and their bounds; refits or rebuilds the BVH.

@@ -50,7 +50,7 @@ static sgs_status plan_resolution(sgs_trainer *trainer, bool has_init)
         return SGS_STATUS_OK;
     if (trainer->scene->float_images) {
         if (shrinks)
-            sgsi_warn("%s: some photographs are not 8-bit; pipeline %s trains at full resolution",
+            sgsi_warn("%s: some photos are not 8-bit; pipeline %s trains at full resolution",
                       trainer->scene->path, trainer->pipeline->name);
         return SGS_STATUS_OK;
     }
@@ -86,7 +86,7 @@ static sgs_status create_parts(sgs_trainer *trainer)
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
     trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
     if (!trainer->order || !trainer->view_fits)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu views", views->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views", views->count);
     status = sgsi_trainer_create_model(trainer);
     if (!status && trainer->fixed && !trainer->options.exposure)
         status = sgsi_region_targets_make(views, trainer->model, sgsi_trainer_trained(trainer),
@@ -109,7 +109,7 @@ static sgs_status create(const sgs_scene *scene, const sgs_train_options *option
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "region requires init");
     sgs_trainer *made = status ? NULL : sgsi_calloc(1, sizeof *made);
     if (!status && !made)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a trainer");
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a trainer");
     if (status) {
         sgs_gaussians_destroy(init);
         return status;
@@ -225,7 +225,7 @@ static bool collects_statistics(const sgs_trainer *trainer, int iteration)
     return sgsi_schedule_needs_statistics(&trainer->schedule, iteration);
 }
 
-// The next view and its photograph. After a failure the same view is next.
+// The next view and its photo. After a failure the same view is next.
 static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_view *view)
 {
     const sgsi_progress before = trainer->progress;
@@ -285,7 +285,7 @@ static void count_traffic(sgs_trainer *trainer, const sgsi_train_view *view)
     sgsi_traffic_add(&traffic, &trainer->bytes);
 }
 
-// From the photograph of a view to updated parameters.
+// From the photo of a view to updated parameters.
 static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs_step_info *info)
 {
     sgsi_train_views *views = &trainer->views;
@@ -298,7 +298,7 @@ static sgs_status train_on_view(sgs_trainer *trainer, sgsi_train_view *view, sgs
     if (status)
         return status;
     check_visibility(trainer, view->iteration);
-    // Loss against the photograph, and its gradient image.
+    // Loss against the photo, and its gradient image.
     status = sgsi_train_view_loss(views, view);
     // The same tiles backward: one gradient record per (tile, primitive), summed per primitive in
     // tile order.
@@ -354,7 +354,7 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
     return status;
 }
 
-// Applies density control, image size and opacity reset of the previous iteration. If a photograph
+// Applies density control, image size and opacity reset of the previous iteration. If a photo
 // cannot be read, the trainer is unchanged.
 static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
 {
@@ -544,7 +544,8 @@ sgs_status sgsi_trainer_hold(sgs_trainer *trainer, int iteration)
     sgsi_free(trainer->held_params);
     trainer->held_params = sgsi_alloc(bytes, 1);
     if (!trainer->held_params)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a second copy of %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory for a second copy of %zu primitives",
                          trainer->model->count);
     memcpy(trainer->held_params, trainer->model->data, bytes);
     trainer->held_iteration = iteration;

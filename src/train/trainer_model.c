@@ -45,7 +45,7 @@ static sgs_status random_cloud(sgs_trainer *trainer)
     trainer->cloud_points = sgsi_alloc(n ? n : 1, 3 * sizeof(float));
     trainer->cloud_colors = sgsi_alloc(n ? n : 1, 3);
     if (!trainer->cloud_points || !trainer->cloud_colors)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu random points", n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu random points", n);
     const bool cube = scene->white_background != 0;
     const double half = cube ? 1.3 : 3.0 * scene->extent;
     for (size_t i = 0; i < 3 * n; ++i) {
@@ -69,10 +69,10 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
     trainer->cloud_points = sgsi_alloc(wanted, 3 * sizeof(float));
     trainer->cloud_colors = sgsi_alloc(wanted, 3);
     if (!trainer->cloud_points || !trainer->cloud_colors)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", wanted);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu points", wanted);
     uint8_t *chosen = sgsi_alloc(n, 1);
     if (!chosen)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu points", n);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu points", n);
     memset(chosen, 1, n);
     sgs_status status = SGS_STATUS_OK;
     if (wanted < n) {
@@ -87,7 +87,7 @@ static sgs_status scene_cloud(sgs_trainer *trainer)
             continue;
         memcpy(trainer->cloud_points + 3 * taken, scene->points + 3 * i, 3 * sizeof(float));
         for (size_t c = 0; c < 3; ++c) {
-            const unsigned char color = scene->colors[3 * i + c]; // of display-encoded photographs
+            const unsigned char color = scene->colors[3 * i + c]; // of display-encoded photos
             trainer->cloud_colors[3 * taken + c] =
                 scene->space == SGS_SPACE_SRGB
                     ? color
@@ -117,7 +117,8 @@ static sgs_status copy_initial_model(sgs_trainer *trainer, const sgs_gaussians *
     const size_t cap = trainer->options.max_gaussians, n = from->count ? from->count : 1;
     uint8_t *marks = sgsi_calloc(n, 2);
     if (!marks)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu primitives", from->count);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         from->count);
     uint8_t *const own = marks, *const chosen = marks + n;
     size_t owned = 0, taken = 0;
     const sgs_box *region = &trainer->options.region;
@@ -195,7 +196,8 @@ sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer)
     trainer->accumulated_rows = sgsi_calloc(capacity / SGS_LANES + 1, 2 * sizeof(uint16_t));
     if (trainer->accumulated_grad && trainer->accumulated_rows)
         return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the gradients of %zu primitives",
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "not enough memory for the gradients of %zu primitives",
                      trainer->model->count);
 }
 
@@ -205,10 +207,10 @@ sgs_status sgsi_trainer_reserve_filter_3d(sgs_trainer *trainer)
         return SGS_STATUS_OK;
     sgsi_free(trainer->filter_3d);
     trainer->filter_3d = sgsi_calloc(trainer->model->capacity, sizeof *trainer->filter_3d);
-    return trainer->filter_3d
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                           "no memory for the 3D filter of %zu primitives", trainer->model->count);
+    return trainer->filter_3d ? SGS_STATUS_OK
+                              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                          "not enough memory for the 3D filter of %zu primitives",
+                                          trainer->model->count);
 }
 
 // The largest value of all ranks.
@@ -217,7 +219,7 @@ static sgs_status share_largest(sgs_trainer *trainer, sgs_status own, float *val
     const int count = sgsi_trainer_ranks(trainer);
     float *all = sgsi_alloc((size_t)count, sizeof *all);
     if (!all && !own)
-        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %d ranks", count);
+        own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %d ranks", count);
     const sgs_status status =
         sgs_ranks_gather(trainer->views.ranks, own, value, sizeof *value, all);
     for (int r = 0; r < count && !status; ++r)
@@ -328,6 +330,7 @@ sgs_status sgsi_trainer_reserve_state(sgs_trainer *trainer)
         return SGS_STATUS_OK;
     sgsi_free(trainer->v);
     trainer->v = NULL;
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the optimiser of %zu primitives",
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                     "not enough memory for the optimiser of %zu primitives",
                      trainer->model->count);
 }

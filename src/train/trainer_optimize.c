@@ -165,7 +165,7 @@ static sgs_status share_counts(sgs_trainer *trainer, sgsi_step_counts *counts)
             sgsi_shard_row(first, sgsi_trainer_rank(trainer), sgsi_trainer_ranks(trainer));
     sgsi_step_counts *sent = sgsi_ranks_room(ranks, sgsi_ranks_padded(sizeof *counts));
     const sgs_status own =
-        sent ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a step");
+        sent ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a step");
     if (sent)
         *sent = *counts;
     const unsigned char *got;

@@ -44,7 +44,7 @@ static sgs_status share_model(sgs_trainer *trainer)
     float *filter = trainer->filter_3d ? sgsi_calloc(own->capacity, sizeof *filter) : NULL;
     if (!status && trainer->filter_3d && !filter)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                           "no memory for the 3D filter of %zu primitives", count);
+                           "not enough memory for the 3D filter of %zu primitives", count);
     if (status) {
         sgs_gaussians_destroy(own);
         sgsi_free(filter);
@@ -103,7 +103,7 @@ static sgs_status exchange(void *context, sgs_status status, const size_t *to, c
     const unsigned char *bytes = NULL;
     size_t *sizes = sgsi_calloc(2 * count, sizeof *sizes);
     if (!sizes && !status)
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu ranks", count);
     for (size_t r = 0; r < count && !status; ++r) {
         sizes[r] = to[r] * ITEM_BYTES;
         sizes[count + r] = from[r] * ITEM_BYTES;
@@ -155,7 +155,7 @@ static sgs_status make_copy(sgs_trainer *trainer)
     return trainer->collected_filter
                ? SGS_STATUS_OK
                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                           "no memory for the 3D filter of %zu primitives", trainer->count);
+                           "not enough memory for the 3D filter of %zu primitives", trainer->count);
 }
 
 // The 3D filter, if there is one, to whole [count] of rank 0.
@@ -236,7 +236,8 @@ sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17])
     parts_job job = {.trainer = trainer, .take = hash_rows, .taker = hasher};
     const sgsi_row_array array = sgsi_block_array(trainer->model->data, trainer->count);
     const sgs_status own =
-        hasher ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for a hash");
+        hasher ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a hash");
     const sgs_status status = sgsi_rows_collect(ranks, own, &array, take_blocks, &job);
     memset(hex, 0, 17);
     sgsi_gaussians_hash_end(hasher, hex);
@@ -265,7 +266,7 @@ static sgs_status pass_parts(sgs_trainer *trainer, parts_job *job)
         return sgsi_rows_collect(trainer->views.ranks, SGS_STATUS_OK, &array, take_blocks, job);
     char *part = sgsi_alloc(array.group, 1);
     if (!part)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to copy %zu primitives",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to copy %zu primitives",
                          trainer->count);
     for (size_t at = 0; at < array.total; at += array.group) {
         const size_t left = array.total - at, size = left < array.group ? left : array.group;
@@ -276,7 +277,7 @@ static sgs_status pass_parts(sgs_trainer *trainer, parts_job *job)
     return SGS_STATUS_OK;
 }
 
-// The white point of encoded colours matters if photographs are in linear light.
+// The white point of encoded colours matters if photos are in linear light.
 static sgs_model_colors trained_colors(const sgs_trainer *trainer)
 {
     const sgs_scene *scene = trainer->views.scene;
@@ -320,7 +321,7 @@ static sgs_status write_filtered(sgs_trainer *trainer, const char *path, sgsi_pl
     if (!sgsi_trainer_rank(trainer)) {
         filter = sgsi_alloc(trainer->count, sizeof *filter);
         if (!filter)
-            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: no memory to write it", path);
+            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
     }
     sgs_status status = collect_filter(trainer, own, filter);
     if (!status)

@@ -45,7 +45,8 @@ static bool all_ranks(sgs_ranks *ranks, bool own)
     bool all = true;
     uint8_t *got = sgsi_alloc((size_t)sgs_ranks_count(ranks), 1);
     const sgs_status memory =
-        got ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ranks");
+        got ? SGS_STATUS_OK
+            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the ranks");
     all = !sgs_ranks_gather(ranks, memory, &mine, 1, got);
     for (int r = 0; r < sgs_ranks_count(ranks) && all; ++r)
         all = got[r];
@@ -91,14 +92,16 @@ static sgs_status plans_agree(const void *context, uint64_t digest)
     const size_t count = (size_t)sgs_ranks_count(ranks);
     uint64_t *digests = sgsi_alloc(count, sizeof *digests);
     sgs_status status =
-        digests ? SGS_STATUS_OK : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the ranks");
+        digests ? SGS_STATUS_OK
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the ranks");
     status = sgs_ranks_gather(ranks, status, &digest, sizeof digest, digests);
     for (size_t r = 0; r < count && !status; ++r)
         if (digests[r] != digests[0])
-            status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                               "rank %zu computed another structural update than rank 0: its C "
-                               "library differs, or its memory is faulty",
-                               r);
+            status =
+                sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                          "the structural update of rank %zu differs from that of rank 0: its C "
+                          "library differs, or its memory is faulty",
+                          r);
     sgsi_free(digests);
     return status;
 }

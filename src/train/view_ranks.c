@@ -47,7 +47,7 @@ static sgs_status create_arrays(sgsi_train_views *views, struct sgsi_view_ranks 
         made = (r->cell_costs[i] = sgsi_calloc(views->tile_counts[i], sizeof(float)));
     r->from = r->to ? r->to + ranks : NULL;
     return made ? SGS_STATUS_OK
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the cuts of %zu views",
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the cuts of %zu views",
                             views->count);
 }
 
@@ -58,7 +58,7 @@ sgs_status sgsi_view_ranks_create(sgsi_train_views *views, sgs_ranks *ranks)
         return SGS_STATUS_OK;
     views->view_ranks = sgsi_calloc(1, sizeof *views->view_ranks);
     if (!views->view_ranks)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the cuts of the views");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the cuts of the views");
     sgs_status status = create_arrays(views, views->view_ranks);
     views->rows = NULL;
     if (!status)
@@ -172,9 +172,10 @@ sgs_status sgsi_view_ranks_image(sgsi_train_views *views, const sgsi_train_view 
         total += r->to[k];
     }
     float *message = sgsi_ranks_room(ranks, total);
-    const sgs_status own = message ? SGS_STATUS_OK
-                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                               "no memory to send %zu bytes of an image", total);
+    const sgs_status own =
+        message ? SGS_STATUS_OK
+                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                            "not enough memory to send %zu bytes of an image", total);
     for (int k = 0; k < count && !own; ++k)
         message += visit_tiles(views, view, rank, k, message, false) * TILE_FLOATS;
     const unsigned char *got;
@@ -258,9 +259,9 @@ sgs_status sgsi_view_ranks_sums(sgsi_train_views *views, const sgsi_train_view *
     measure_cells(views, view);
     const size_t bytes = copy_sums(&copy, rank, NULL);
     unsigned char *message = sgsi_ranks_room(ranks, sgsi_ranks_padded(bytes));
-    const sgs_status own =
-        message ? SGS_STATUS_OK
-                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send the sums of a view");
+    const sgs_status own = message ? SGS_STATUS_OK
+                                   : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                               "not enough memory to send the sums of a view");
     if (message)
         copy_sums(&copy, rank, message);
     const unsigned char *got;

@@ -66,8 +66,8 @@ static sgs_status reserve(sgsi_view_scores *scores, size_t capacity, size_t whol
         scores->plane_floats = plane_floats;
         if (!grow_columns(scores, capacity, whole, shared) || !scores->error || !scores->weight) {
             sgsi_view_scores_free(scores);
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for the scores of %zu primitives",
-                             whole);
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                             "not enough memory for the scores of %zu primitives", whole);
         }
     }
     memset(scores->importance, 0, whole * sizeof(float));
@@ -123,7 +123,7 @@ static void fill_view(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-// The colours of the photograph in 8 bits, over the background: those of transparent pixels do not
+// The colours of the photo in 8 bits, over the background: those of transparent pixels do not
 // count. Half-float values are clamped to [0, 1].
 static const uint8_t *photo_bytes(sgsi_view_scores *scores, const sgsi_train_view *view)
 {
@@ -171,8 +171,8 @@ static void fill_error(void *context, size_t begin, size_t end, int thread)
         }
 }
 
-// The mean over channels of |image - photograph|, both in [0, 1], or >= 0 for an HDR photograph.
-// The image has the exposure of the photograph.
+// The mean over channels of |image - photo|, both in [0, 1], or >= 0 for an HDR photo.
+// The image has the exposure of the photo.
 static sgsi_scored_image error_image(const sgsi_train_views *views, const sgsi_train_view *view,
                                      const uint8_t *bytes, float *error)
 {
@@ -207,7 +207,7 @@ static sgs_status weigh_pixels(const sgsi_train_views *views, const sgsi_pipelin
     const sgs_photo *target = view->target;
     const uint8_t *bytes = photo_bytes(scores, view);
     if (!bytes)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for an image of %dx%d pixels",
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for an image of %dx%d pixels",
                          target->width, target->height);
     const sgsi_scored_image image = error_image(views, view, bytes, scores->error);
     const sgs_status status = pipeline->pixel_weights(&image, views->options, scores->weight);

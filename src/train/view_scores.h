@@ -3,7 +3,7 @@
 #pragma once
 
 // Scores per primitive from whole views, for pipelines with score_views: some random training views
-// are rendered, compared with their photographs and traversed again for sums per primitive, from
+// are rendered, compared with their photos and traversed again for sums per primitive, from
 // which the pipeline computes its scores.
 
 #include "density/density.h"
@@ -25,7 +25,7 @@ typedef struct sgsi_view_scores {
     sgsi_score_columns columns; // with several ranks
     float *error, *weight;      // [height][stride] of the view being scored
     size_t plane_floats;
-    uint8_t *bytes; // its photograph in 8 bits, if it is not 8-bit or has alpha
+    uint8_t *bytes; // its photo in 8 bits, if it is not 8-bit or has alpha
     size_t byte_capacity;
 } sgsi_view_scores;
 

@@ -30,12 +30,12 @@ sgs_status sgsi_view_shards_create(sgsi_train_views *views)
     const size_t ranks = (size_t)sgs_ranks_count(views->ranks);
     struct sgsi_view_shards *made = sgsi_calloc(1, sizeof *made);
     if (!made)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", ranks);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu ranks", ranks);
     views->view_shards = made;
     made->to = sgsi_calloc(3 * ranks + 1, sizeof *made->to);
     made->lists = sgsi_calloc(ranks, sizeof *made->lists);
     if (!made->to || !made->lists)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory for %zu ranks", ranks);
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu ranks", ranks);
     made->from = made->to + ranks;
     made->begin = made->from + ranks;
     const sgs_status status = sgsi_shard_routes_create((int)ranks, &made->routes);
@@ -62,7 +62,7 @@ static void *reserve_message(sgs_ranks *ranks, size_t bytes, sgs_status *status)
 {
     void *message = sgsi_ranks_room(ranks, bytes);
     if (!message)
-        *status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to send %zu bytes", bytes);
+        *status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to send %zu bytes", bytes);
     return message;
 }
 
@@ -196,7 +196,8 @@ sgs_status sgsi_view_shards_centers(sgsi_train_views *views, const float *own_ce
     if (count > s->center_capacity && !own) {
         const size_t larger = count + count / 4;
         if (!sgsi_grow((void **)&s->centers, 0, larger, SGSI_SHARD_CENTER))
-            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to score %zu primitives", count);
+            own = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to score %zu primitives",
+                            count);
         s->center_capacity = own ? s->center_capacity : larger;
     }
     const unsigned char *got;
@@ -258,7 +259,8 @@ static sgs_status reserve_places(struct sgsi_view_shards *s, size_t buckets)
     if (wanted <= s->place_capacity)
         return SGS_STATUS_OK;
     if (!sgsi_grow((void **)&s->places, 0, wanted, sizeof *s->places))
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "no memory to sort the gradients of a view");
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory to sort the gradients of a view");
     s->place_capacity = wanted;
     return SGS_STATUS_OK;
 }

@@ -66,7 +66,7 @@ def main():
         unnamed = page.run("""[...document.querySelectorAll('select, input, svg')].filter((e) =>
             !(e.getAttribute('aria-label') || (e.labels && e.labels.length))).map((e) => e.id || e.tagName)""")
         expect("everything_has_a_name", unnamed == [], unnamed)
-        expect("images_have_a_text", page.run("[...document.querySelectorAll('#compare img')].map((i) => i.alt)") == ["Photograph", "Render"])
+        expect("images_have_a_text", page.run("[...document.querySelectorAll('#compare img')].map((i) => i.alt)") == ["Photo", "Render"])
         expect("tables_have_heads", page.run("""[...document.querySelectorAll('#tables table')].every((table) => table.tHead &&
             table.tHead.rows.length === 1 && table.tBodies[0].rows.length > 0)"""))
         page.call("Emulation.setEmulatedMedia", media="print")
@@ -80,7 +80,7 @@ def main():
         fits(page, "long names")
         opened(page, changed("empty", empty))
         shown = page.run("[...document.querySelectorAll('h2')].filter((h) => h.offsetHeight).map((h) => h.textContent)")
-        expect("empty_parts_are_hidden", "Regions" not in shown and "Renders and photographs" not in shown and "Tables" in shown, shown)
+        expect("empty_parts_are_hidden", "Regions" not in shown and "Renders and photos" not in shown and "Tables" in shown, shown)
         expect("no_message", not page.messages, page.messages)
     finally:
         page.close()

@@ -108,7 +108,7 @@ jq -c "$right | .[]" "$temporary/level/cameras.json" | tr -d '[]' | awk -F, -v u
     { s = $1 * u[1] + $2 * u[2] + $3 * u[3]; if (s < 0) s = -s; if (s > worst) worst = s }
     END { print "sine of the worst roll:", worst; exit !(NR == 5 && worst < 0.0349) }' >"$temporary/roll"
 check level_within_2_degrees test $? -eq 0
-# orbits_of_photographs_held_upright_are_level: the same cameras, turned by 90 degrees as their Exif orientation says
+# orbits_of_photos_held_upright_are_level: the same cameras, turned by 90 degrees as their Exif orientation says
 mkdir -p "$temporary/turned/images"
 oiiotool --create 27x48 3 --attrib Orientation 6 -o "$temporary/turned/upright.jpg"
 jq '{fl_x: 200, w: 270, h: 480, frames: map({file_path: "images/\(.img_name)", transform_matrix:
@@ -121,7 +121,7 @@ run 0 render "$model/point_cloud/iteration_10/point_cloud.ply" "$temporary/turne
 axes='.[].rotation | [.[0][0], .[1][0], .[2][0], .[0][1], .[1][1], .[2][1]] | @tsv' # right, down
 jq -r "$axes" "$temporary/upright/cameras.json" | paste - <(jq -r "$axes" "$temporary/level/cameras.json") >"$temporary/axes"
 check upright_within_2_degrees awk 'NR == FNR { split($0, u, " "); next }
-    { r = $1 * u[1] + $2 * u[2] + $3 * u[3] # the other down vectors are those of the photographs that are not turned
+    { r = $1 * u[1] + $2 * u[2] + $3 * u[3] # the other down vectors are those of the photos that are not turned
       if (!(r * r < 0.00122 && ($4 * u[1] + $5 * u[2] + $6 * u[3]) * ($10 * u[1] + $11 * u[2] + $12 * u[3]) > 0)) bad = 1 }
     END { exit bad || FNR != 5 }' "$temporary/up" "$temporary/axes"
 
@@ -261,7 +261,7 @@ run 0 render "$model" "$room" --view 0009 --size 80x40 --aov rgba -o "$temporary
 run 0 render "$model" "$room" --view 0009 --size 40x40 --aov rgba -o "$temporary/narrow"
 check cropped_not_squashed oiiotool --fail 1e-3 --failpercent 2 "$temporary/wide/0009.exr" --cut 40x40+20+0 "$temporary/narrow/0009.exr" --diff
 
-# inputs_are_not_replaced (the cameras of a run, those of --camera, the photographs)
+# inputs_are_not_replaced (the cameras of a run, those of --camera, the photos)
 run 1 render "$model" "$room" --orbit 2 --size 20x15 --aov rgba -o "$model"
 one_line
 reports "is the folder of a run, whose cameras.json would be replaced"
@@ -277,21 +277,21 @@ jq -n '{fl_x: 400, frames: [("0001", "0002", "0009") as $name |
 cp "$temporary/pngs/images/0002.png" "$temporary/photo.png"
 run 1 render "$model" "$temporary/pngs" --split all --format png --aov rgba -o "$temporary/pngs"
 one_line
-reports "images/0001.png: is a photograph or a mask of the scene; choose another folder"
+reports "images/0001.png: is a photo or a mask of the scene; choose another folder"
 run 1 eval "$model/point_cloud/iteration_10/point_cloud.ply" "$temporary/pngs" --split all --save "$temporary/pngs"
-reports ".png: is a photograph or a mask of the scene; choose another folder"
-check the_photograph_is_as_before cmp "$temporary/photo.png" "$temporary/pngs/images/0002.png"
-# Names of other outputs: a view 0001 and one that is named like a copy of its photograph or its depth.
+reports ".png: is a photo or a mask of the scene; choose another folder"
+check the_photo_is_as_before cmp "$temporary/photo.png" "$temporary/pngs/images/0002.png"
+# Names of other outputs: a view 0001 and one that is named like a copy of its photo or its depth.
 for other in 0001_photo 0001.depth; do
     mkdir "$temporary/alike"
     cp "$room/images/0001.jpg" "$temporary/alike/"
     cp "$temporary/photo.png" "$temporary/alike/$other.png"
     jq --arg other "$other.png" '.frames |= .[:2] | .frames[0].file_path = "0001.jpg" | .frames[1].file_path = $other' "$temporary/pngs/transforms.json" >"$temporary/alike/transforms.json"
     run 1 eval "$model/point_cloud/iteration_10/point_cloud.ply" "$temporary/alike" --split all --save "$temporary/alike"
-    reports "alike/$other.png: is a photograph or a mask of the scene; choose another folder"
+    reports "alike/$other.png: is a photo or a mask of the scene; choose another folder"
     run 1 render "$model" "$temporary/alike" --split all --format png --aov rgba,depth -o "$temporary/alike"
-    reports "alike/$other.png: is a photograph or a mask of the scene; choose another folder"
-    check the_photograph_is_as_before cmp "$temporary/photo.png" "$temporary/alike/$other.png"
+    reports "alike/$other.png: is a photo or a mask of the scene; choose another folder"
+    check the_photo_is_as_before cmp "$temporary/photo.png" "$temporary/alike/$other.png"
     rm -r "$temporary/alike"
 done
 run 0 render "$model" "$temporary/pngs" --split all --format png --aov rgba -o "$temporary/pngs/images"
@@ -457,7 +457,7 @@ jq '.ply_file_path = "input.ply"' "$temporary/transforms.json" >"$temporary/one/
 run 0 render "$(find "$model/point_cloud" -name point_cloud.ply)" "$temporary/one" --spiral 3 --size 60x33 --aov rgba -o "$temporary/one_spiral"
 json "$temporary/one_spiral/cameras.json" '[.[].position] | (.[0][0] - .[1][0] | fabs) + (.[0][1] - .[1][1] | fabs) > 0.1'
 
-# a_colmap_model_is_a_camera_file (of the bundled scene, without photographs)
+# a_colmap_model_is_a_camera_file (of the bundled scene, without photos)
 mkdir -p "$temporary/colmap/sparse"
 cp -r "$room/sparse/0" "$temporary/colmap/sparse/0"
 run 0 render "$model" --camera "$temporary/colmap" --view 0009.jpg --size 60x33 --aov rgba -o "$temporary/colmap_views"
@@ -543,7 +543,7 @@ one_line
 reports "sizeless.json: no image size"
 reports "add 'w' and 'h', or give it with --size"
 
-# paths_need_no_photographs
+# paths_need_no_photos
 run 0 render "$model" "$temporary/colmap" --orbit 3 --frames 1 --size 40x30 --aov rgba -o "$temporary/no_photos"
 run 0 render "$model" "$room" --orbit 3 --frames 1 --size 40x30 --aov rgba -o "$temporary/with_photos"
 check same_path cmp "$temporary/no_photos/cameras.json" "$temporary/with_photos/cameras.json"

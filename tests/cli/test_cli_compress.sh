@@ -85,14 +85,14 @@ check fine_tuning_through_the_quantiser_gains_1_dB jq -ne --slurpfile a "$tempor
     --slurpfile b "$temporary/meson_0.json" '$a[0].mean.psnr > $b[0].mean.psnr + 1'
 for method in ghap mesongs lightgaussian; do
     run 2 compress "$model" -o "$temporary/none" --method $method --finetune 5
-    reports "--finetune: fine-tuning requires a scene; add the operand SCENE"
+    reports "--finetune: fine-tuning requires a scene; add the argument SCENE"
     one_line
 done
 run 0 compress "$model" -o "$temporary/kept" --method ghap --preset spare-2 --keep 0.5 --quiet
 reports "--preset has no effect with --keep, the only value that it sets"
 for method in lightgaussian mesongs; do
     run 2 compress "$model" -o "$temporary/none" --method $method --keep 0.5
-    reports "--keep: the importance of primitives requires a scene; add the operand SCENE"
+    reports "--keep: the importance of primitives requires a scene; add the argument SCENE"
     one_line
 done
 cp "$temporary/kept" "$temporary/kept.ply"
@@ -120,7 +120,7 @@ run 2 compress "$model" -o "$temporary/none" --method lightgaussian --distill 5
 reports "--distill: the distillation requires a scene"
 one_line
 
-# photographs_are_loaded_for_training_only (the mask of one of them excludes every pixel)
+# photos_are_loaded_for_training_only (the mask of one of them excludes every pixel)
 cp -r "$room" "$temporary/masked"
 mkdir "$temporary/masked/masks"
 oiiotool --create 480x270 3 -d uint8 -o "$temporary/masked/masks/0002.png"

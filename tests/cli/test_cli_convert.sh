@@ -50,7 +50,7 @@ run 0 train "$room" -o "$temporary/again" --init "$temporary/a.sog" --iterations
 run 0 bench "$temporary/a.spz" "$room" --downscale 8 --repeat 1 --views 1 --quiet
 run 0 render "$temporary/a.compressed.ply" "$room" --view 0001 --downscale 8 --format png -o "$temporary/png" --quiet
 
-# a_scaled_model_is_not_cut_away: without data set and config, the size of the model sets the near limit
+# a_scaled_model_is_not_cut_away: without data set and config, the size of the model sets the near distance
 run 0 convert "$ply" "$temporary/scaled.ply" --scale 0.02
 jq '[.[3] | .position |= map(. * 0.02)]' "$out/cameras.json" >"$temporary/scaled.json"
 jq '[.[3]]' "$out/cameras.json" >"$temporary/camera.json"

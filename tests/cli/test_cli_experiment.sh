@@ -64,7 +64,7 @@ flock -n 9
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"
 exec 9>&-
 grep -q "mip, off, seed 0: in use by another experiment, skipped" "$folder/error" || { cat "$folder/error"; exit 1; }
-grep -q "other experiments worked on 1 of 5 runs" "$folder/error" || { cat "$folder/error"; exit 1; }
+grep -q "other jobs took 1 of 5 runs" "$folder/error" || { cat "$folder/error"; exit 1; }
 [ ! -e "$kept/summary.json" ]
 [ -e "$lost/summary.json" ]
 [ "$(jq '.runs | length' "$folder/out/results.json")" = 4 ]

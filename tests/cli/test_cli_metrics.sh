@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # The figures of eval: equal to those of the library for the saved images, equal in summary.json, independent of masked
-# pixels, and undefined where the photograph is flat.
+# pixels, and undefined where the photo is flat.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 model=$temporary/model

@@ -50,7 +50,7 @@ rm "$maps" "$temporary/exposed/exposure.json"
 run 0 eval "$temporary/exposed" "$room" --quiet
 reports "exposure.json: does not exist; the colour maps of the run are not used"
 
-# eval_saves_renders_and_photographs
+# eval_saves_renders_and_photos
 run 0 eval "$model" "$room" --save "$temporary/saved"
 prints "mean"
 prints "PSNR "
@@ -110,7 +110,7 @@ run 0 render "$model" "$room" --view 0009.jpg --downscale 8 --aov rgba --half --
 oiiotool --stats "$temporary/half_bright/0009.exr" >"$temporary/info"
 check large_values_stay_finite grep -qE 'Stats Max: 65504.* 65504.* 65504' "$temporary/info"
 check deep_files_keep_32_bits bash -c "exrheader '$temporary/half_bright/0009.deep.exr' | grep -q 'R, 32-bit floating-point'"
-# overscan_extends_the_data_window (the photograph's lens; the pixels inside are those of a render without it)
+# overscan_extends_the_data_window (the photo's lens; the pixels inside are those of a render without it)
 run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --deep -o "$temporary/plain"
 run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --deep --overscan 24 -o "$temporary/over"
 for name in 0009.exr 0009.deep.exr; do

@@ -113,9 +113,9 @@ usage "--ratio: 'nan' is not a share" "$model" --method refine -o "$temporary/x.
 usage "--ratio: 0.50 is given twice" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,0.50
 usage "x.xyz: the name has no known extension; use .ply," "$model" --method refine -o "$temporary/x.xyz" --ratio 0.5
 usage "x.html: a page cannot be read as a model" "$model" --method refine -o "$temporary/x.html" --ratio 0.5
-usage "--method lightgaussian requires the operand SCENE" "$model" --method lightgaussian -o "$temporary/x.ply" --ratio 0.5
-usage "--method pup requires the operand SCENE" "$model" --method pup -o "$temporary/x.ply" --ratio 0.5
-usage "--finetune requires the operand SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --finetune 9
+usage "--method lightgaussian requires the argument SCENE" "$model" --method lightgaussian -o "$temporary/x.ply" --ratio 0.5
+usage "--method pup requires the argument SCENE" "$model" --method pup -o "$temporary/x.ply" --ratio 0.5
+usage "--finetune requires the argument SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --finetune 9
 usage "--downscale has no effect without SCENE" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5 --downscale 2
 run 0 prune "$model" "$room" -o "$temporary/near.ply" --method refine --ratio 0.5 --finetune 1 --near 0.1 --downscale 8
 reports "--near has no effect on --finetune, which trains with the near distance of the scene"

@@ -257,7 +257,7 @@ $on_rank_1 && exec "$real" train "$temporary/other" "\$@"
 exec "$real" train "$room" "\$@"
 EOF
 ranks 1 2 --downscale 4 --iterations 120 --quiet -o "$temporary/refused"
-reports "photograph $(basename "$photo") is "
+reports "photo $(basename "$photo") is "
 one_voice
 program=$real
 

@@ -188,7 +188,7 @@ run 0 train "$room" -o "$temporary/exposed" --downscale 4 --eval --iterations 20
 cp -r "$temporary/exposed" "$temporary/unexposed"
 rm "$temporary/unexposed/exposure.json"
 differs_too "set -- eval $temporary/unexposed \"\${@:3}\"" "has 'exposure: none', but rank 0 has 'exposure." eval "$temporary/exposed" "$room"
-differs "set -- eval $model $temporary/scene \"\${@:4}\"" "photograph $held_out is " eval "$model" "$room"
+differs "set -- eval $model $temporary/scene \"\${@:4}\"" "photo $held_out is " eval "$model" "$room"
 # Other training images, but the held-out images of the run: one less, or another one is missing.
 for missing in 0002 0010; do
     cp -r "$room" "$temporary/without$missing"
@@ -303,7 +303,7 @@ cd "$temporary/here"
 ranks 1 2 experiment "$temporary/plan10.json" -o apart --quiet
 cd "$OLDPWD"
 one_voice
-reports "apart: this is another folder than on rank 0"
+reports "apart: not the same folder as on rank 0"
 check no_run_started test -z "$(find "$temporary/here" "$temporary/there" -type f)"
 on_all_ranks
 

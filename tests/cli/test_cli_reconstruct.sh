@@ -53,9 +53,9 @@ for word in "--- offscreen" feature_extractor exhaustive_matcher mapper model_an
     calls "$word"
 done
 check nothing_was_run_by_a_shell test ! -e hacked
-prints "35 of 35 photographs registered, 321 points, mean reprojection error 0.432 px"
+prints "35 of 35 photos registered, 321 points, mean reprojection error 0.432 px"
 check the_largest_model_is_kept cmp "$scene/sparse/0/images.bin" "$room/sparse/0/images.bin"
-check one_camera_for_photographs_of_one_size sh -c "grep -A1 single_camera '$CALLS' | grep -qx 1"
+check one_camera_for_photos_of_one_size sh -c "grep -A1 single_camera '$CALLS' | grep -qx 1"
 run 0 info "$scene" --json
 json "$temporary/stdout" '.views == 35 and .images_missing == 0'
 
@@ -63,12 +63,12 @@ json "$temporary/stdout" '.views == 35 and .images_missing == 0'
 : >"$CALLS"
 with_standin run 0 reconstruct "$photos" -o "$scene" --json
 check only_the_analysis_ran test "$(grep -c '^---' "$CALLS")" = 1
-json "$temporary/stdout" '.registered == 35 and .photographs == 35 and .models == 2 and .mean_reprojection_error == 0.4321'
+json "$temporary/stdout" '.registered == 35 and .photos == 35 and .models == 2 and .mean_reprojection_error == 0.4321'
 : >"$CALLS"
 with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential
 calls sequential_matcher
 calls feature_extractor
-reports "the photographs or the options have changed, so that all stages start again; the earlier features and matches are in $scene/colmap/database.previous.db"
+reports "the photos or the options have changed, so that all stages start again; the earlier features and matches are in $scene/colmap/database.previous.db"
 check the_earlier_database_is_kept test -s "$scene/colmap/database.previous.db"
 : >"$CALLS"
 with_standin run 0 reconstruct "$photos" -o "$temporary/effective" --quiet
@@ -101,7 +101,7 @@ mkdir -p "$temporary/studio/colmap"
 echo mine >"$temporary/studio/colmap/database.db"
 foreign "studio/colmap/database.db: was not written by reconstruct" "$temporary/studio"
 check the_database_is_kept grep -qx mine "$temporary/studio/colmap/database.db"
-foreign "file/images: is not a link to photographs" "$temporary/file"
+foreign "file/images: is not a link to photos" "$temporary/file"
 check the_file_is_kept grep -qx mine "$temporary/file/images"
 echo >>"$scene/sparse/0/images.bin"
 foreign "scene/sparse/0: was not written by reconstruct, or was changed later" "$scene"
@@ -115,9 +115,9 @@ check nothing_is_left test -z "$(ls -A "$scene/sparse")"
 with_standin run 0 reconstruct "$photos" -o "$scene" --matcher sequential --quiet
 check the_model_is_there cmp "$scene/sparse/0/points3D.bin" "$room/sparse/0/points3D.bin"
 check no_other_model_is_there test "$(ls -A "$scene/sparse")" = 0
-check the_link_is_that_of_the_photographs test "$scene/images" -ef "$photos"
+check the_link_is_that_of_the_photos test "$scene/images" -ef "$photos"
 
-# only_photographs_are_given_to_colmap (not masks next to them, hidden files, and raw files next to their JPEG)
+# only_photos_are_given_to_colmap (not masks next to them, hidden files, and raw files next to their JPEG)
 mkdir "$temporary/mixed"
 cp "$photos/0001.jpg" "$temporary/mixed/a b.JPG"
 cp "$photos/0002.jpg" "$temporary/mixed/b.jpg"
@@ -127,10 +127,10 @@ cp "$photos/0004.jpg" "$temporary/mixed/"$'two\nlines.jpg'
 for name in b.DNG c.HEIC d.heic; do echo raw >"$temporary/mixed/$name"; done
 : >"$CALLS"
 with_standin run 0 reconstruct "$temporary/mixed" -o "$temporary/mixed_scene"
-check the_list_is_given grep -qxF "$temporary/mixed_scene/colmap/photographs.txt" "$CALLS"
-check the_list_has_the_photographs test "$(cat "$temporary/mixed_scene/colmap/photographs.txt")" = $'a b.JPG\nb.jpg'
+check the_list_is_given grep -qxF "$temporary/mixed_scene/colmap/photos.txt" "$CALLS"
+check the_list_has_the_photos test "$(cat "$temporary/mixed_scene/colmap/photos.txt")" = $'a b.JPG\nb.jpg'
 reports "lines.jpg: the name contains a line break; COLMAP will not use it"
-reports "mixed: 2 photograph(s) in other formats are not used, first 'c.HEIC'; convert them to JPEG, PNG or TIFF"
+reports "mixed: 2 photo(s) in other formats are not used, first 'c.HEIC'; convert them to JPEG, PNG or TIFF"
 
 # links_to_folders_are_not_followed
 cp -r "$photos" "$temporary/linked"
@@ -138,10 +138,10 @@ mv "$temporary/linked/0001.jpg" "$temporary"
 ln -s ../0001.jpg "$temporary/linked/0001.jpg"
 for name in a b; do ln -s . "$temporary/linked/$name"; done
 with_standin run 0 reconstruct "$temporary/linked" -o "$temporary/unlinked" --json
-json "$temporary/stdout" '.photographs == 35'
+json "$temporary/stdout" '.photos == 35'
 check one_warning_per_link test "$(grep -c "is a link to a folder, which COLMAP does not follow" "$temporary/stderr")" = 2
 
-# a_changed_photograph_is_noticed (also if its name is not UTF-8)
+# a_changed_photo_is_noticed (also if its name is not UTF-8)
 for name in a.jpg $'\xe9.jpg'; do
     cp -r "$photos" "$temporary/changed"
     cp "$photos/0001.jpg" "$temporary/changed/$name"
@@ -200,14 +200,14 @@ repeated 0
 # error_messages
 NONE=1 with_standin run 1 reconstruct "$photos" -o "$temporary/third" --quiet
 one_line
-reports "COLMAP registered none of the 35 photographs"
+reports "COLMAP registered none of the 35 photos"
 run 1 reconstruct "$photos" -o "$temporary/fourth" --colmap no-such-colmap --quiet
 one_line
 reports "no-such-colmap: program not found; install COLMAP"
 mkdir "$temporary/empty"
 with_standin run 1 reconstruct "$temporary/empty" -o "$temporary/fifth"
 one_line
-reports "contains 0 photograph(s)"
+reports "contains 0 photo(s)"
 with_standin run 1 reconstruct "$temporary/absent" -o "$temporary/fifth"
 one_line
 run 2 reconstruct "$photos"

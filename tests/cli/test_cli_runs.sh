@@ -13,14 +13,14 @@ data=("$scene" --downscale 8 --threads 2 --quiet)
 names() { jq -r '.images[].name' "$temporary/stdout" | sort | tr '\n' ' '; }
 files() { (cd "$1" && find . -path ./previous -prune -o -type f ! -path ./.lock -print | LC_ALL=C sort | xargs md5sum); }
 
-# the_split_is_that_of_the_run (a removed or masked photograph does not change the split of the others)
+# the_split_is_that_of_the_run (a removed or masked photo does not change the split of the others)
 run 0 train "${data[@]}" -o "$out" --eval --iterations 12
 json "$out/config.json" '.test_images == ["0001.jpg", "0009.jpg", "0017.jpg", "0025.jpg", "0033.jpg"]'
 run 0 eval "$out" "$scene" --json
 all=$(names)
 mv "$scene/images/0003.jpg" "$temporary/"
 run 0 eval "$out" "$scene" --json
-check same_images_without_a_photograph test "$(names)" = "$all"
+check same_images_without_a_photo test "$(names)" = "$all"
 json "$temporary/stdout" '.schema == 1 and .split == "test" and .training_images == 0'
 run 0 render "$out" "$scene" --aov rgba -o "$temporary/views"
 check same_views_are_rendered test "$(cd "$temporary/views" && echo *)" = '0001.exr 0009.exr 0017.exr 0025.exr 0033.exr'
@@ -150,7 +150,7 @@ json "$temporary/stdout" '.images[0].psnr == null and .images[0].identical and (
 json "$temporary/stdout" '.mean.identical == 1 and (.mean.psnr - (100 + .images[1].psnr) / 2 | fabs) < 1e-6'
 run 0 eval "$ply" "$temporary/same" "${one[@]}"
 check the_table_has_inf grep -qE '^0001.jpg +inf dB' "$temporary/stdout"
-prints "1 of them identical to the photograph: PSNR is infinite and counts as 100 dB in the mean"
+prints "1 of them identical to the photo: PSNR is infinite and counts as 100 dB in the mean"
 
 # render_honours_the_space_of_the_colours (bare models and runs)
 for model in "$ply" "$out"; do

@@ -39,7 +39,7 @@ done
 check usr1_saves_a_checkpoint test -s "$out/checkpoint/state.bin"
 check usr1_does_not_end_the_run kill -0 "$process"
 check the_second_run_fails bash -c '! "$@" 2>"$0"' "$temporary/stderr" "$program" train "${data[@]}" -o "$out" --iterations 5
-reports "in use by another training"
+reports "in use by another run"
 one_line
 check the_first_run_continues kill -0 "$process"
 kill -HUP "$process"
@@ -75,16 +75,16 @@ done
 exec 9>"$out/.lock"
 flock -n 9
 run 1 train "${data[@]}" -o "$out" --iterations 2 --overwrite
-reports "$out: in use by another training"
+reports "$out: in use by another run"
 one_line
 exec 9>&-
 run 0 train "${data[@]}" -o "$out" --iterations 2 --overwrite
 
-# removed_photographs_end_the_run_resumably (the resumed run gives the same model; pipelines read photographs in each
+# removed_photos_end_the_run_resumably (the resumed run gives the same model; pipelines read photos in each
 # iteration, at a change of the image size, and for the scores of an update)
 scene=$temporary/scene
 cp -r "$room" "$scene"
-iterations=400 # the photographs are gone long before the end
+iterations=400 # the photos are gone long before the end
 if is_sanitized; then iterations=300; fi
 pipelines=(3dgs fastgs)
 if is_long; then pipelines+=(dash); fi

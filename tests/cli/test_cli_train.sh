@@ -191,7 +191,7 @@ json "$temporary/auto/config.json" "$numbers"
 automatic --ssim-weight -1 --ssim-sigma 0 --mcmc-noise -1 --spare-grid-quantile -1
 json "$temporary/auto/config.json" "$numbers"
 
-# opaque_photographs: sets background and weight unless given; a run records the option
+# opaque_photos: sets background and weight unless given; a run records the option
 run 0 train "$room" --downscale 8 -o "$temporary/opaque" --iterations 150 --opaque --quiet
 json "$temporary/opaque/config.json" '.options | .opaque == true and .background == "random" and .alpha_loss == 0.1'
 run 0 train "$room" --downscale 8 -o "$temporary/holes" --iterations 150 --quiet

@@ -64,7 +64,7 @@ check the_nonce_changes bash -c "! grep -q '$nonce' '$temporary/head2'"
 
 base=${url%/}
 code 200 "$base/photo/0" -D "$temporary/head"
-check a_photograph_is_a_png bash -c "grep -qi '^content-type: image/png' '$temporary/head' &&
+check a_photo_is_a_png bash -c "grep -qi '^content-type: image/png' '$temporary/head' &&
     head -c 4 '$temporary/body' | od -An -tx1 | grep -q '89 50 4e 47'"
 mv "$temporary/body" "$temporary/photo.png"
 code 200 "$base/thumb/1" -D "$temporary/head"
@@ -173,8 +173,8 @@ run 0 convert "$temporary/model.ply" "$temporary/converted.ply" $filters --quiet
 check the_crop_is_the_file_of_convert cmp "$cropped" "$temporary/converted.ply"
 last_command=$served
 
-# ---- Photographs in linear light ----
-# A scene of three photographs as EXR files eight times as bright, written by oiiotool.
+# ---- Photos in linear light ----
+# A scene of three photos as EXR files eight times as bright, written by oiiotool.
 hdr=$temporary/hdr
 mkdir -p "$hdr/images" "$temporary/ldr"
 cp -r "$room/sparse" "$hdr/"
@@ -182,7 +182,7 @@ for name in 0001 0002 0003; do
     oiiotool "$room/images/$name.jpg" -o "$temporary/ldr/$name.png"
     oiiotool "$temporary/ldr/$name.png" --colorconvert sRGB linear --mulc 8 -d half -o "$hdr/images/$name.exr"
 done
-# shown OUT ARGUMENT...: the first photograph.
+# shown OUT ARGUMENT...: the first photo.
 shown() {
     start "${@:2}" --port 0
     curl -s "${url%/}/photo/0" -o "$1"

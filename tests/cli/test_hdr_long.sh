@@ -64,7 +64,7 @@ for name in bare.ply bare.usda bare.glb; do
     check "$name is evaluated as the run" near "$(jq .mean.psnr "$temporary/stdout")" "$linear" 0.001
 done
 
-# photographs with the primaries of ACEScg, converted by oiiotool, are the same photographs
+# photos with the primaries of ACEScg, converted by oiiotool, are the same photos
 mkdir -p "$temporary/ap1/images"
 cp -r "$room/sparse" "$temporary/ap1/"
 for photo in "$hdr"/images/*.exr; do

@@ -41,11 +41,11 @@ json "$temporary/stdout" '[.. | objects | select(has("images_missing")) | .image
 for name in out.jpg folder/inside.jpg; do
     model a.jpg "$name"
     run 0 info "$set_up"
-    reports "a link leads out of the data set"
-    reports "secret/inside.jpg; replace it by the file; the view is skipped"
+    reports "symbolic link points outside the data set"
+    reports "secret/inside.jpg; replace it with the file; the view is skipped"
     model "$name"
     run 1 info "$set_up"
-    reports "a link leads out of the data set"
+    reports "symbolic link points outside the data set"
 done
 
 # the_image_folder_may_be_a_link
@@ -61,7 +61,7 @@ ln -s "$secret/inside.jpg" "$temporary/masks/a.png"
 run 0 info "$set_up"
 mv "$temporary/masks/a.png" "$set_up/masks"
 run 1 info "$set_up"
-reports "$set_up/masks/a.png: a link leads out of the data set"
+reports "$set_up/masks/a.png: symbolic link points outside the data set"
 rm -r "$set_up/masks" "$temporary/masks"
 
 # the_same_for_transforms, its_cloud_and_its_masks
@@ -78,29 +78,29 @@ transforms() {
 }
 transforms images/out.jpg cloud.ply
 run 0 info "$nerf"
-reports "out.jpg: a link leads out of the data set"
-reports "cloud.ply: a link leads out of the data set"
+reports "out.jpg: symbolic link points outside the data set"
+reports "cloud.ply: symbolic link points outside the data set"
 transforms ../secret/inside.jpg ../secret/cloud.ply
 run 1 info "$nerf"
 reports "leaves the image folder"
 cp "$nerf/images/a.jpg" "$nerf/images/b.jpg"
 transforms images/b.jpg none.ply
-mv "$nerf/images" "$temporary/photographs"
-ln -s "$temporary/photographs" "$nerf/images"
+mv "$nerf/images" "$temporary/photos"
+ln -s "$temporary/photos" "$nerf/images"
 run 0 info "$nerf"
 check a_linked_image_folder_is_fine bash -c '! grep -q skipped "$0"' "$temporary/stderr"
-ln -s "$secret" "$temporary/photographs/deeper"
+ln -s "$secret" "$temporary/photos/deeper"
 transforms images/deeper/inside.jpg none.ply
 run 0 info "$nerf"
-reports "inside.jpg: a link leads out of the data set"
+reports "inside.jpg: symbolic link points outside the data set"
 rm "$nerf/images"
-mv "$temporary/photographs" "$nerf/images"
+mv "$temporary/photos" "$nerf/images"
 mkdir "$nerf/masks"
 ln -s "$secret/inside.jpg" "$nerf/masks/a.png"
 printf '{"w": 1280, "h": 720, "fl_x": 500, "frames": [{"file_path": "images/a.jpg", "transform_matrix":
     [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}' >"$nerf/transforms.json"
 run 1 info "$nerf"
-reports "masks/a.png: a link leads out of the data set"
+reports "masks/a.png: symbolic link points outside the data set"
 
 # any_number_of_linked_folders
 many=$temporary/many
@@ -115,6 +115,6 @@ jq -n '{w: 1280, h: 720, fl_x: 500, frames: [range(1; 21) |
 ln -s "$temporary/far/masks" "$many/masks"
 run 0 info "$many" --json
 json "$temporary/stdout" '.views == 20 and .images_missing == 0'
-check nothing_is_skipped bash -c '! grep -q "leads out" "$0"' "$temporary/stderr"
+check nothing_is_skipped bash -c '! grep -q "points outside" "$0"' "$temporary/stderr"
 
 finish

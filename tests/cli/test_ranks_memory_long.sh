@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # Memory of ranks: with a million primitives, the peak of each of four ranks over a whole run (initial model, structural
-# updates, checkpoints, model file, evaluation) is at most 0.35 of that of one process. Program and photographs are not
+# updates, checkpoints, model file, evaluation) is at most 0.35 of that of one process. Program and photos are not
 # counted: they are what a training of 1000 primitives needs. Skipped without mpirun or without a plug-in.
 set -euo pipefail
 # shellcheck source=tests/cli/cli_support.sh
@@ -41,7 +41,7 @@ share() {
     check updated test "$(sed -n 2p "$temporary/run1/train.csv" | cut -d, -f4)" != 1000000
     check four_ranks test "$(wc -w <<<"$all")" = 4
     for peak in $all; do
-        echo "rank: $peak kB with $ranks_base kB of program and photographs; one process: $whole kB with $base kB: share" \
+        echo "rank: $peak kB with $ranks_base kB of program and photos; one process: $whole kB with $base kB: share" \
             "$(awk -v p="$peak" -v b="$ranks_base" -v w="$whole" -v o="$base" 'BEGIN { printf "%.3f", (p - b) / (w - o) }')"
         check share_of_a_rank awk -v p="$peak" -v b="$ranks_base" -v w="$whole" -v o="$base" \
             'BEGIN { exit !((p - b) <= 0.35 * (w - o)) }'

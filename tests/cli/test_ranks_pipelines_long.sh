@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # Every pipeline with SPARE-GS on the ranks of Open MPI (shared memory and TCP) and of MPICH gives the model of one process:
-# with exposure, HDR photographs, masks and batches. What is missing is skipped with a note.
+# with exposure, HDR photos, masks and batches. What is missing is skipped with a note.
 set -euo pipefail
 # shellcheck source=tests/cli/cli_support.sh
 source "$(dirname "$0")/cli_support.sh"
@@ -30,7 +30,7 @@ if [ "${#launchers[@]}" = 0 ]; then
     exit 77
 fi
 
-# The photographs as linear EXR files, four times as bright, and a mask for each.
+# The photos as linear EXR files, four times as bright, and a mask for each.
 hdr=$temporary/hdr
 mkdir -p "$hdr/images" "$hdr/masks"
 cp -r "$room/sparse" "$hdr/"

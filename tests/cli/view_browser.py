@@ -55,7 +55,7 @@ def parse_ppm(data):
 
 
 def lens_scene(name, model, focal, distortion):
-    """Photographs of the scene cut to 360 x 270 pixels, with a lens of COLMAP's model number `model`."""
+    """Photos of the scene cut to 360 x 270 pixels, with a lens of COLMAP's model number `model`."""
     path = os.path.join(folder, name)
     os.makedirs(os.path.join(path, "images"), exist_ok=True)
     shutil.copytree(os.path.join(scene, "sparse"), os.path.join(path, "sparse"), dirs_exist_ok=True)
@@ -285,13 +285,13 @@ def quantities(page):
     page.rest()
 
 
-def photographs(page):
+def photos(page):
     page.run("byId('photosBox').open = true")
     count = page.run("document.querySelectorAll('#photos button').length")
-    expect("photographs_are_listed", count == page.run("viewer.hello.views.length"))
+    expect("photos_are_listed", count == page.run("viewer.hello.views.length"))
     expect("thumbnails_load", page.wait("[...document.querySelectorAll('#photos img')].slice(0, 3).every((i) => i.complete && i.naturalWidth > 0)")
            is not None)
-    page.changes("another_photograph", lambda: page.run("document.querySelectorAll('#photos button')[3].click()"))
+    page.changes("another_photo", lambda: page.run("document.querySelectorAll('#photos button')[3].click()"))
     expect("its_camera_is_exact", page.run("request.message.view") == 3)
     page.wait("photoReady")
     page.set("compare", "slider")
@@ -308,7 +308,7 @@ def photographs(page):
     expect("the_boundary_moves", page.run("photo.style.clipPath.includes('80%')"))
     page.screenshot(os.path.join(folder, "slider.png"))
     page.set("compare", "photo")
-    expect("the_photograph_is_shown", page.run("!photo.hidden && photo.style.clipPath === 'none'"))
+    expect("the_photo_is_shown", page.run("!photo.hidden && photo.style.clipPath === 'none'"))
     page.set("compare", "difference")
     expect("the_difference_is_drawn", overlay_pixels(page) > 1000)
     bright = """(() => { const d = overlay.getContext('2d').getImageData(0, 0, overlay.width, overlay.height).data;
@@ -319,7 +319,7 @@ def photographs(page):
     page.set("compare", "render")
     expect("the_render_is_shown_again", overlay_pixels(page) == 0)
     page.run("photo.dispatchEvent(new Event('error'))")
-    expect("a_missing_photograph_is_reported", page.run("byId('message').textContent.includes(viewer.hello.views[3].name)"))
+    expect("a_missing_photo_is_reported", page.run("byId('message').textContent.includes(viewer.hello.views[3].name)"))
 
 
 def pixels_and_regions(page):
@@ -516,7 +516,7 @@ def crop(page):
 
 
 def fixed_size(page):
-    """Photographs of 4:3 in pictures of 16:9."""
+    """Photos of 4:3 in pictures of 16:9."""
     process, url = serve(model_file(), lens_scene("pinhole", 1, (300, 300), ()))
     try:
         page.start(url)
@@ -527,7 +527,7 @@ def fixed_size(page):
             page.rest()
             expect("a_view_keeps_its_aspect: " + mode, page.pixels()[:2] == (960, 720), page.pixels()[:2])
         box = page.run("(() => { const b = photo.getBoundingClientRect(); return b.width / b.height; })()")
-        expect("the_photograph_is_not_stretched", abs(box - 4 / 3) < 0.01, box)
+        expect("the_photo_is_not_stretched", abs(box - 4 / 3) < 0.01, box)
         page.set("compare", "render")
         page.run("fly(0, 0, 0.01)")
         page.rest()
@@ -683,14 +683,14 @@ def reconnects(page):
         before = page.camera()
         process = restart(run_folder, scene)
         expect("the_same_model_keeps_the_camera", page.camera() == before and page.run("request.message.view") == 5)
-        expect("it_keeps_the_photograph", page.run("document.querySelectorAll('#photos button[aria-pressed=true]').length") == 1)
+        expect("it_keeps_the_photo", page.run("document.querySelectorAll('#photos button[aria-pressed=true]').length") == 1)
         expect("it_keeps_the_crop", page.run("cropValues().box[0]") == -1)
         page.run("retries = 30")
         expect("attempts_follow_at_most_every_10_s", page.run("retryDelay(30)") == 10000 and page.run("retryDelay(0)") <= 2000)
         process = restart(model_file(), few)
         expect("fewer_views_are_shown", page.run("document.querySelectorAll('#photos button').length") == 2)
         expect("the_camera_is_the_first_one", page.run("camera.view === 0 && camera.lens === 0 && request.message.view === 0"))
-        expect("its_photograph_is_pressed", page.run("document.querySelectorAll('#photos button')[0].ariaPressed") == "true")
+        expect("its_photo_is_pressed", page.run("document.querySelectorAll('#photos button')[0].ariaPressed") == "true")
         expect("the_crop_is_reset", page.run("cropValues().preview === 'off' && !cropValues().box && Number(byId('box_x').value) !== -1"))
         process = restart(model_file())
         expect("no_view_is_left", page.run("camera.view === -1 && camera.lens === -1 && byId('photosBox').hidden"))
@@ -706,7 +706,7 @@ def main():
     page = Page(find_browser())
     try:
         opens(page, url)
-        for part in (equals_render, moving, cameras, quantities, photographs, pixels_and_regions, run_panel, files, crop):
+        for part in (equals_render, moving, cameras, quantities, photos, pixels_and_regions, run_panel, files, crop):
             print("-- " + part.__name__)
             part(page)
         expect("still_no_error_on_the_console", not page.messages and not page.run("viewer.errors.length"),

@@ -23,7 +23,7 @@
 #include "reference/reference.h"
 #include "support/tracer_support.h"
 
-// With the near limit of the paper, and with one that hides some primitives.
+// With the near distance of the paper, and with one that hides some primitives.
 static void check_sampling(double nearest_depth)
 {
     oracle_scene scene = oracle_random_model(6, 200, NULL);

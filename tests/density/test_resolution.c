@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Resolution schedule of DashGaussian: spectra against the defining sum, levels against the
-// published formulae, and reduced photographs against the definition of the filter.
+// published formulae, and reduced photos against the definition of the filter.
 
 #include <math.h>
 #include <setjmp.h>

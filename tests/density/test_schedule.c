@@ -15,7 +15,7 @@
 #include "density/pipeline.h"
 #include "density/schedule.h"
 
-// Photographs: number and pixels.
+// Photos: number and pixels.
 #define VIEWS 60
 #define SMALL 1.2e5
 
@@ -127,7 +127,7 @@ static void few_views_have_a_smaller_rate_of_sh(void **state)
 
 // Up to 2000 iterations, the rate of SH grows with the number of views from 15 to 30, up to twice
 // that of 3DGS, which Taming and FastGS have as published. It falls to the published one at 7000
-// iterations and on large photographs; without a step.
+// iterations and on large photos; without a step.
 static void short_runs_have_a_higher_rate_of_sh(void **state)
 {
     (void)state;
@@ -532,10 +532,10 @@ static void auto_is_dense_for_long_runs_of_mcmc(void **state)
     assert_true(sgsi_schedule_make(&options, &small_photos).dense);
 }
 
-// Short runs of 3DGS, Mip-Splatting and FastGS: the rule of small photographs up to 130 000 pixels,
+// Short runs of 3DGS, Mip-Splatting and FastGS: the rule of small photos up to 130 000 pixels,
 // that of large ones from 320 000 on, monotone between; also with up to 15 and from 60 on. The
 // published length, the published schedule and the other pipelines do not depend on the size.
-static void short_runs_follow_the_size_of_the_photographs(void **state)
+static void short_runs_follow_the_size_of_the_photos(void **state)
 {
     (void)state;
     sgs_train_options options = sgs_train_options_default();
@@ -595,9 +595,9 @@ static void short_runs_follow_the_size_of_the_photographs(void **state)
         }
 }
 
-// Short runs of 3DGS and Mip-Splatting on large photographs: updates go on until the rates decay,
+// Short runs of 3DGS and Mip-Splatting on large photos: updates go on until the rates decay,
 // and only remove.
-static void large_photographs_are_thinned_until_the_rates_decay(void **state)
+static void large_photos_are_thinned_until_the_rates_decay(void **state)
 {
     (void)state;
     for (int p = 0; p < SGS_PIPELINE_COUNT; ++p)
@@ -712,8 +712,8 @@ int main(void)
         cmocka_unit_test(a_check_interval_beyond_int_means_no_check),
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
-        cmocka_unit_test(short_runs_follow_the_size_of_the_photographs),
-        cmocka_unit_test(large_photographs_are_thinned_until_the_rates_decay),
+        cmocka_unit_test(short_runs_follow_the_size_of_the_photos),
+        cmocka_unit_test(large_photos_are_thinned_until_the_rates_decay),
         cmocka_unit_test(a_given_ssim_is_used_by_all_schedules),
         cmocka_unit_test(auto_is_dense_for_long_runs_of_mcmc),
     };

@@ -519,9 +519,9 @@ static void sog_meta_is_checked(void **state)
         {"\"means\"", "\"mean\"", F, "'means' is missing"},
         {"\"means_l.webp\",\"means_u.webp\"", "\"means_l.webp\"", F, "'means' is missing"},
         {"\"means_l.webp\"", "5", F, "'means' is missing"},
-        {"\"means_l.webp\"", "\"../means_l.webp\"", F, "is not the name of a file in it"},
-        {"\"means_l.webp\"", "\"/etc/passwd\"", F, "is not the name of a file in it"},
-        {"\"means_l.webp\"", "\"a\\u001bb\"", F, "a file name in it is not text"},
+        {"\"means_l.webp\"", "\"../means_l.webp\"", F, "is not a valid entry name"},
+        {"\"means_l.webp\"", "\"/etc/passwd\"", F, "is not a valid entry name"},
+        {"\"means_l.webp\"", "\"a\\u001bb\"", F, "an entry name contains control characters"},
         {"\"means_l.webp\"", "\"none.webp\"", IO, "none.webp: cannot be opened"},
         {"\"means_l.webp\"", "\"meta.json\"", F, "meta.json is not a WebP image"},
         {"\"mins\":[", "\"mins\":[null,", F, "'means' is missing or invalid"},
@@ -695,7 +695,7 @@ static void unknown_files_are_refused(void **state)
     model_refused(folder.path, SGS_STATUS_IO, "is a folder without meta.json or lod-meta.json",
                   "folder");
     file_put(temp_path(&folder, "a.bin"), "hello", 5);
-    model_refused(temp_path(&folder, "a.bin"), SGS_STATUS_UNSUPPORTED, "supported are .ply",
+    model_refused(temp_path(&folder, "a.bin"), SGS_STATUS_UNSUPPORTED, "supported: .ply",
                   "unknown");
     // An option that the file does not have.
     sgs_gaussians *model = model_random(2, 0), *none;

@@ -48,7 +48,7 @@ static const bad_file bad_files[] = {
     {"ply\nformat ascii 2.0\n", SGS_STATUS_UNSUPPORTED,
      "line 2: unknown PLY version 2.0; only 1.0 is supported"},
     {"ply\nformat zip 1.0\n", SGS_STATUS_UNSUPPORTED,
-     "line 2: unknown format 'zip'; supported are ascii, binary_little_endian and "
+     "line 2: unknown format 'zip'; supported: ascii, binary_little_endian and "
      "binary_big_endian"},
     {ASCII "end_header\n", SGS_STATUS_FORMAT, "has no element 'vertex'; this is not a 3DGS model"},
     {ASCII "element face 3\nend_header\n", SGS_STATUS_FORMAT,
@@ -96,7 +96,7 @@ static const bad_file bad_files[] = {
      "property 'x' is missing; this is a compressed model; export it as an uncompressed PLY"},
     {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nend_header\n" ROW,
      SGS_STATUS_UNSUPPORTED,
-     "has 1 f_rest properties; supported are 0, 9, 24 or 45 (SH degree 0 to 3)"},
+     "has 1 f_rest properties; supported: 0, 9, 24 or 45 (SH degree 0 to 3)"},
     {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nproperty float f_rest_1\nproperty "
            "float f_rest_2\nproperty float f_rest_3\n"
            "property float f_rest_4\nproperty float f_rest_5\nproperty float f_rest_6\nproperty "

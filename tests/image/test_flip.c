@@ -135,7 +135,7 @@ static void sharpness_is_the_ratio_of_laplacian_energies(void **state)
     (void)state;
     uint8_t photo[3][5 * 5] = {0}, render[3][5 * 5] = {0};
     const sgs_image8 a = {5, 5, 3, photo[0]}, b = {5, 5, 3, render[0]};
-    assert_true(isnan(sgs_sharpness(&b, &a, NULL))); // flat photograph
+    assert_true(isnan(sgs_sharpness(&b, &a, NULL))); // flat photo
     photo[1][12] = 200;                              // a point: 16 + 4 times its square
     render[1][12] = 100;
     assert_true(fabs(sgs_sharpness(&b, &a, NULL) - 0.25) < 1e-12);

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Photographs: all pixel formats become 8-bit RGB or RGBA, broken and oversized files are rejected,
+// Photos: all pixel formats become 8-bit RGB or RGBA, broken and oversized files are rejected,
 // area averaging is exact, and PNG files round-trip bit by bit.
 
 #include <setjmp.h>
@@ -165,7 +165,7 @@ static void palettes_are_expanded(void **state)
     tree_remove(&folder);
 }
 
-static void photographs_keep_rows_and_planes(void **state)
+static void photos_keep_rows_and_planes(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -459,7 +459,7 @@ int main(void)
         cmocka_unit_test(all_pixel_formats_become_eight_bit_rgb),
         cmocka_unit_test(gamma_of_srgb_is_srgb),
         cmocka_unit_test(palettes_are_expanded),
-        cmocka_unit_test(photographs_keep_rows_and_planes),
+        cmocka_unit_test(photos_keep_rows_and_planes),
         cmocka_unit_test(png_round_trips_bit_by_bit),
         cmocka_unit_test(png_write_failure_keeps_the_old_file),
         cmocka_unit_test(png_rejects_unsupported_images),

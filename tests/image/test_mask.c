@@ -21,7 +21,7 @@ enum { WIDTH = 64, HEIGHT = 48 };
 
 static const uint8_t grey[4] = {90, 100, 110, 255};
 
-// The scene of scene_support with four photographs of 64 x 48, and their channels.
+// The scene of scene_support with four photos of 64 x 48, and their channels.
 static temp_folder make_scene(int channels)
 {
     const temp_folder folder = temp_folder_make();
@@ -35,7 +35,7 @@ static temp_folder make_scene(int channels)
     return folder;
 }
 
-// A mask of the photographs' size, black in [x0, x1) x [y0, y1).
+// A mask of the photos' size, black in [x0, x1) x [y0, y1).
 static void put_mask(const temp_folder *folder, const char *name, int scale, int x0, int y0, int x1,
                      int y1)
 {
@@ -92,7 +92,7 @@ static void masks_are_found_under_all_names(void **state)
     assert_hole(photo_of(scene, "sub/c.png"), 0, 0, 64, 5, false);
     assert_hole(photo_of(scene, "d with blanks"), 60, 40, 64, 48, false);
     assert_int_equal(scene->masks, 4);
-    assert_int_equal(scene->images_unposed, 0); // a mask next to a photograph is not a photograph
+    assert_int_equal(scene->images_unposed, 0); // a mask next to a photo is not a photo
     assert_string_equal(warnings, "");
     sgs_scene_destroy(scene);
     sgs_scene_options options = sgs_scene_options_default();
@@ -174,7 +174,7 @@ static void camera_files_name_masks(void **state)
 }
 
 // A downscaled pixel is valid only if its whole area is, also if the mask is three times as large
-// as the photograph.
+// as the photo.
 static void downscaled_pixels_are_valid_if_entirely_valid(void **state)
 {
     (void)state;
@@ -282,7 +282,7 @@ static void pixels_without_a_ray_are_invalid(void **state)
 
 // ---- Training ----
 
-// Paints a magenta square at the same place of each photograph, and masks it if requested.
+// Paints a magenta square at the same place of each photo, and masks it if requested.
 static void paint(sgs_scene *scene, bool cover)
 {
     for (size_t v = 0; v < scene->view_count; ++v) {
@@ -364,7 +364,7 @@ static sgs_frame train_and_render(const sgs_scene *scene, const sgs_train_option
     return frame;
 }
 
-// Photographs of a disc with alpha over black. Without the alpha loss, black and empty look the
+// Photos of a disc with alpha over black. Without the alpha loss, black and empty look the
 // same.
 static double mean_opacity_outside(double weight)
 {
@@ -407,7 +407,7 @@ static void alpha_loss_pulls_opacity_to_the_alpha_channel(void **state)
     assert_true(with > without + 0.1);
 }
 
-// The mean opacity of a view after training on dark photographs without an alpha channel, from
+// The mean opacity of a view after training on dark photos without an alpha channel, from
 // white points: over black, transparent and dark look the same.
 static double mean_opacity(bool opaque)
 {
@@ -436,11 +436,11 @@ static double mean_opacity(bool opaque)
     return mean;
 }
 
-static void opaque_photographs_leave_no_holes(void **state)
+static void opaque_photos_leave_no_holes(void **state)
 {
     (void)state;
     const double without = mean_opacity(false), with = mean_opacity(true);
-    print_message("mean opacity of dark photographs: %.3f, opaque %.3f\n", without, with);
+    print_message("mean opacity of dark photos: %.3f, opaque %.3f\n", without, with);
     assert_true(without < 0.99);
     assert_true(with > 0.995);
 }
@@ -458,7 +458,7 @@ int main(void)
         cmocka_unit_test_setup(pixels_without_a_ray_are_invalid, warnings_begin),
         cmocka_unit_test(a_masked_square_leaves_no_colour_in_the_model),
         cmocka_unit_test(alpha_loss_pulls_opacity_to_the_alpha_channel),
-        cmocka_unit_test(opaque_photographs_leave_no_holes),
+        cmocka_unit_test(opaque_photos_leave_no_holes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Photographs beyond 8-bit sRGB: values against the definition of the transfer function in double
+// Photos beyond 8-bit sRGB: values against the definition of the transfer function in double
 // precision, the unit of light, averages in linear light, colour spaces by name, broken pixels and
 // files.
 
@@ -350,7 +350,7 @@ static void exr_primaries_become_rec709(void **state)
                                  value, expected);
                 }
         }
-    // A photograph has no negative light: L1 could not reach it.
+    // A photo has no negative light: L1 could not reach it.
     sgsi_photo_source source = source_of(temp_path(&folder, "a.exr"));
     source.file_width = source.width = 4;
     source.file_height = source.height = 1;
@@ -445,7 +445,7 @@ static void impossible_primaries_are_refused(void **state)
     temp_folder_remove(&folder);
 }
 
-// A scene of scene_support whose photographs are EXR files, with the names of the model's PNG
+// A scene of scene_support whose photos are EXR files, with the names of the model's PNG
 // files.
 static temp_folder make_scene(float broken)
 {
@@ -490,8 +490,8 @@ static void nonfinite_pixels_are_ignored_and_counted(void **state)
     }
 }
 
-// sgs_scene_photo_read against the scene's own photographs.
-static void photographs_are_read_without_the_cache(void **state)
+// sgs_scene_photo_read against the scene's own photos.
+static void photos_are_read_without_the_cache(void **state)
 {
     (void)state;
     const temp_folder folder = make_scene(NAN);
@@ -787,7 +787,7 @@ int main(void)
         cmocka_unit_test(sixteen_bits_keep_their_precision),
         cmocka_unit_test(colour_spaces_are_selected_by_name),
         cmocka_unit_test_setup(nonfinite_pixels_are_ignored_and_counted, warnings_begin),
-        cmocka_unit_test_setup(photographs_are_read_without_the_cache, warnings_begin),
+        cmocka_unit_test_setup(photos_are_read_without_the_cache, warnings_begin),
         cmocka_unit_test_setup(broken_files_are_reported_in_one_line, warnings_begin),
         cmocka_unit_test(exr_layers_are_found_by_name),
         cmocka_unit_test(exr_primaries_become_rec709),

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The image cache: same photographs and same model as without a limit, the limit is kept, and files
+// The image cache: same photos and same model as without a limit, the limit is kept, and files
 // that disappear are reported.
 
 #include <setjmp.h>
@@ -46,7 +46,7 @@ static void assert_same_photo(const sgs_photo *a, const sgs_photo *b)
                         (size_t)a->width * (size_t)a->height * (size_t)a->channels);
 }
 
-static void cache_of_a_quarter_returns_the_same_photographs(void **state)
+static void cache_of_a_quarter_returns_the_same_photos(void **state)
 {
     (void)state;
     sgs_scene *all = load_room(0), *some = load_room(bytes_of(all) / 4);
@@ -69,8 +69,8 @@ static void cache_of_a_quarter_returns_the_same_photographs(void **state)
     sgs_scene_destroy(some);
 }
 
-// Limit below the size of one photograph: all can still be read, with or without prefetch.
-static void cache_smaller_than_one_photograph_works(void **state)
+// Limit below the size of one photo: all can still be read, with or without prefetch.
+static void cache_smaller_than_one_photo_works(void **state)
 {
     (void)state;
     sgs_scene *all = load_room(0), *none = load_room(1);
@@ -105,7 +105,7 @@ static void trained_hash(const sgs_scene *scene, sgs_pipeline pipeline, char hex
     sgs_trainer_destroy(trainer);
 }
 
-// Nor with DashGaussian, which begins with reduced photographs.
+// Nor with DashGaussian, which begins with reduced photos.
 static void the_model_does_not_depend_on_the_cache(void **state)
 {
     (void)state;
@@ -121,7 +121,7 @@ static void the_model_does_not_depend_on_the_cache(void **state)
     assert_string_equal(hashes[1][0], hashes[1][1]);
 }
 
-static void deleted_photograph_is_an_error(void **state)
+static void deleted_photo_is_an_error(void **state)
 {
     (void)state;
     static const uint8_t grey[3] = {90, 100, 110};
@@ -155,10 +155,10 @@ static void deleted_photograph_is_an_error(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(cache_of_a_quarter_returns_the_same_photographs),
-        cmocka_unit_test(cache_smaller_than_one_photograph_works),
+        cmocka_unit_test(cache_of_a_quarter_returns_the_same_photos),
+        cmocka_unit_test(cache_smaller_than_one_photo_works),
         cmocka_unit_test(the_model_does_not_depend_on_the_cache),
-        cmocka_unit_test_setup(deleted_photograph_is_an_error, warnings_begin),
+        cmocka_unit_test_setup(deleted_photo_is_an_error, warnings_begin),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

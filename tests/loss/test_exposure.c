@@ -143,7 +143,7 @@ static void compare_with_finite_differences(int channels)
     free_fixture(&f);
 }
 
-// Without and with the alpha channel of the photograph.
+// Without and with the alpha channel of the photo.
 static void gradients_match_finite_differences(void **state)
 {
     (void)state;
@@ -151,7 +151,7 @@ static void gradients_match_finite_differences(void **state)
     compare_with_finite_differences(4);
 }
 
-// A map does not change what lies behind the primitives if the photograph has an alpha channel.
+// A map does not change what lies behind the primitives if the photo has an alpha channel.
 static void the_background_is_not_mapped_behind_alpha(void **state)
 {
     (void)state;
@@ -328,7 +328,7 @@ static void a_resumed_run_has_the_same_maps(void **state)
     temp_folder_remove(&folder);
 }
 
-// Votes of FastGS with photographs and colour maps of this gain; *count: primitives.
+// Votes of FastGS with photos and colour maps of this gain; *count: primitives.
 static float *votes_with_gain(sgs_trainer *trainer, sgs_scene *scene, double gain, size_t *count)
 {
     for (size_t v = 0; v < scene->view_count; ++v) {
@@ -357,9 +357,9 @@ static float *votes_with_gain(sgs_trainer *trainer, sgs_scene *scene, double gai
     return votes;
 }
 
-// A pixel counts if its error is large compared with the others of its view: darker photographs
+// A pixel counts if its error is large compared with the others of its view: darker photos
 // with maps of the same gain get the same votes.
-static void votes_compare_with_the_exposure_of_the_photograph(void **state)
+static void votes_compare_with_the_exposure_of_the_photo(void **state)
 {
     (void)state;
     sgs_scene_options options = sgs_scene_options_default();
@@ -399,7 +399,7 @@ int main(void)
         cmocka_unit_test(bits_do_not_depend_on_threads),
         cmocka_unit_test(changing_exposures_are_learned),
         cmocka_unit_test(a_resumed_run_has_the_same_maps),
-        cmocka_unit_test(votes_compare_with_the_exposure_of_the_photograph),
+        cmocka_unit_test(votes_compare_with_the_exposure_of_the_photo),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

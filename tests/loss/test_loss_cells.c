@@ -42,7 +42,7 @@ static float *random_plane(size_t floats, uint64_t seed)
     return plane;
 }
 
-// Random image, photograph with alpha, and a mask that removes every third pixel.
+// Random image, photo with alpha, and a mask that removes every third pixel.
 static void open_scene(cells_scene *s, int width, int height)
 {
     const size_t stride = (size_t)(width + 15) / 16 * 16, words = sgs_mask_words(width);

@@ -153,7 +153,7 @@ static void counts_equal_the_oracle_and_times_add_up(void **state)
     oracle_scene_free(&scene);
 }
 
-// The bench draws with the given filter and near limit: of a small scene the default limit would
+// The bench draws with the given filter and near distance: of a small scene the default limit would
 // remove all hits.
 static void a_small_scene_is_measured_with_its_near_limit(void **state)
 {

@@ -380,7 +380,7 @@ static void damaged_files_are_refused(void **state)
     zip bad = make_zip(3, -1);
     refuses(&folder, bad.bytes, bad.size, "a tensor is missing");
     bad = make_zip(-1, 4);
-    refuses(&folder, bad.bytes, bad.size, "a tensor has another size");
+    refuses(&folder, bad.bytes, bad.size, "a tensor does not have the size");
     refuses(&folder, (const uint8_t *)"no archive at all", 17, "not a zip archive");
     refuses(&folder, good.bytes, 0, "not a zip archive");
     bad = good;

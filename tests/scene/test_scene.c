@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Whole scenes: location of their parts, cameras fitted to photographs, the split, the extent, and
-// missing photographs, poses or both.
+// Whole scenes: location of their parts, cameras fitted to photos, the split, the extent, and
+// missing photos, poses or both.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -145,7 +145,7 @@ static void missing_image_folder_error_lists_the_others(void **state)
     tree_remove(&folder);
 }
 
-static void cameras_are_fitted_to_their_photographs(void **state)
+static void cameras_are_fitted_to_their_photos(void **state)
 {
     (void)state;
     const temp_folder folder = scene_make("sparse/0/", true, "images");
@@ -381,7 +381,7 @@ static void views_are_held_out_by_index_or_by_name(void **state)
     tree_remove(&folder);
 }
 
-// A missing photograph does not change the recorded split of the others.
+// A missing photo does not change the recorded split of the others.
 static void recorded_names_stay_held_out(void **state)
 {
     (void)state;
@@ -554,7 +554,7 @@ static void cameras_without_a_size_take_the_given_one(void **state)
     assert_string_equal(warnings, "");
     options.view_width = 60;
     options.view_height = 40;
-    for (int photos = 0; photos < 2; ++photos) { // the first view's photograph has a size
+    for (int photos = 0; photos < 2; ++photos) { // the first view's photo has a size
         scene = load(folder.path, &options);
         assert_int_equal(scene->view_count, 2);
         for (int i = 0; i < 2; ++i) {
@@ -712,8 +712,8 @@ static void bundled_scene_is_equal_in_both_formats(void **state)
     tree_remove(&folder);
 }
 
-// Lens and poses are consistent: COLMAP's points project into the photographs that observe them.
-static void bundled_points_project_into_the_photographs(void **state)
+// Lens and poses are consistent: COLMAP's points project into the photos that observe them.
+static void bundled_points_project_into_the_photos(void **state)
 {
     (void)state;
     sgs_scene_options options = sgs_scene_options_default();
@@ -753,7 +753,7 @@ static void any_failing_allocation_is_reported(void **state)
         sgsi_fail_allocation(n);
         const sgs_status status = sgs_scene_load(folder.path, &options, &scene);
         sgsi_fail_allocation(0);
-        // Searching for photographs without a pose and formatting warnings tolerate failed
+        // Searching for photos without a pose and formatting warnings tolerate failed
         // allocations.
         assert_true(status == SGS_STATUS_OK || status == SGS_STATUS_OUT_OF_MEMORY);
         assert_int_equal(scene == NULL, status != SGS_STATUS_OK);
@@ -772,7 +772,7 @@ int main(void)
         cmocka_unit_test_setup(largest_of_several_models_is_used, warnings_begin),
         cmocka_unit_test_setup(missing_scenes_are_reported_with_a_hint, warnings_begin),
         cmocka_unit_test_setup(missing_image_folder_error_lists_the_others, warnings_begin),
-        cmocka_unit_test_setup(cameras_are_fitted_to_their_photographs, warnings_begin),
+        cmocka_unit_test_setup(cameras_are_fitted_to_their_photos, warnings_begin),
         cmocka_unit_test_setup(downscaling_divides_images_and_cameras, warnings_begin),
         cmocka_unit_test_setup(wide_images_are_downscaled_to_1600_pixels_with_a_warning,
                                warnings_begin),
@@ -792,7 +792,7 @@ int main(void)
         cmocka_unit_test_setup(nerfstudio_scenes_take_other_image_folders, warnings_begin),
         cmocka_unit_test_setup(result_does_not_depend_on_threads, warnings_begin),
         cmocka_unit_test_setup(bundled_scene_is_equal_in_both_formats, warnings_begin),
-        cmocka_unit_test_setup(bundled_points_project_into_the_photographs, warnings_begin),
+        cmocka_unit_test_setup(bundled_points_project_into_the_photos, warnings_begin),
         cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
     };
     return cmocka_run_group_tests_name("scene", tests, NULL, NULL);

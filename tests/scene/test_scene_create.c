@@ -345,15 +345,15 @@ static void options_out_of_range_are_refused(void **state)
     }
 }
 
-// The view exists, but training requires its photograph.
-static void views_without_photographs_are_not_trained(void **state)
+// The view exists, but training requires its photo.
+static void views_without_photos_are_not_trained(void **state)
 {
     (void)state;
     const sgs_view_source source = small_source(3, SGS_PIXEL_UINT8, NULL);
     sgs_scene *scene = make(&source, NULL);
     sgs_trainer *trainer;
     assert_int_equal(sgs_trainer_create(scene, NULL, &trainer), SGS_STATUS_INVALID_ARGUMENT);
-    assert_non_null(strstr(sgs_last_error(), "the training views have no photographs"));
+    assert_non_null(strstr(sgs_last_error(), "the training views have no photos"));
     const sgs_photo *photo;
     assert_int_equal(sgs_scene_photo(scene, 0, &photo), SGS_STATUS_OK);
     assert_int_equal(photo->width, 0);
@@ -469,7 +469,7 @@ int main(void)
         cmocka_unit_test(masks_define_the_valid_pixels),
         cmocka_unit_test(bad_input_is_named),
         cmocka_unit_test(options_out_of_range_are_refused),
-        cmocka_unit_test(views_without_photographs_are_not_trained),
+        cmocka_unit_test(views_without_photos_are_not_trained),
         cmocka_unit_test(single_precision_too_coarse_for_the_scene_is_warned_of),
         cmocka_unit_test(loading_reports_progress_and_can_be_cancelled),
     };

@@ -125,7 +125,7 @@ static void expect_scene(void)
 static void loading_a_scene(void **state)
 {
     (void)state;
-    fail_each("scene", load_scene, 20, expect_scene); // the search for photographs without a pose
+    fail_each("scene", load_scene, 20, expect_scene); // the search for photos without a pose
     assert_int_equal(scene->view_count, VIEWS);
 }
 

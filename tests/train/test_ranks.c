@@ -3,7 +3,7 @@
 
 // Training on several ranks, which are threads of this process here: the model, losses and
 // decisions are bit for bit those of one process, for all pipelines with SPARE-GS, with exposure,
-// masks and HDR photographs, for random divisions of the images, and after a checkpoint was loaded
+// masks and HDR photos, for random divisions of the images, and after a checkpoint was loaded
 // by another number of ranks. A failure on one rank stops all with its message.
 
 #include <setjmp.h>
@@ -29,7 +29,7 @@ enum { ITERATIONS = 150, MOST_RANKS = 4 };
 static sgs_scene *scene, *hdr_scene;
 static char folder[64];
 
-// The photographs as linear floats up to 1.5, with a masked disc.
+// The photos as linear floats up to 1.5, with a masked disc.
 static sgs_scene *make_hdr_scene(void)
 {
     sgs_view_source *views = calloc(scene->view_count, sizeof *views);
@@ -430,7 +430,7 @@ static void other_plans_of_a_rank_stop_all(void **state)
     train(&plan, 3, actual);
     for (int r = 0; r < 3; ++r) {
         assert_int_equal(actual[r].status, SGS_STATUS_INVALID_ARGUMENT);
-        assert_non_null(strstr(actual[r].message, "another structural update than rank 0"));
+        assert_non_null(strstr(actual[r].message, "differs from that of rank 0"));
         assert_true(actual[r].consistent);
         assert_int_equal(actual[r].updates, 0);
     }

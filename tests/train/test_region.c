@@ -3,7 +3,7 @@
 
 // Training of a region: primitives outside keep their bytes through steps, structural updates,
 // noise and resets of all pipelines; those inside change, stay inside and are limited by the cap;
-// resuming gives the same bits; the images that regions train towards add up to the photographs.
+// resuming gives the same bits; the images that regions train towards add up to the photos.
 
 #include <math.h>
 #include <setjmp.h>
@@ -295,7 +295,7 @@ static sgs_scene *variant(int channels, bool floats)
     return made;
 }
 
-// Premultiplied value of a photograph: colour c, or its alpha with c = 3.
+// Premultiplied value of a photo: colour c, or its alpha with c = 3.
 static double value_of(const sgs_photo *photo, size_t c, size_t i)
 {
     const size_t plane = (size_t)photo->width * (size_t)photo->height;
@@ -303,7 +303,7 @@ static double value_of(const sgs_photo *photo, size_t c, size_t i)
     return c == 3 ? alpha : alpha * (double)sgs_photo_value(photo, c * plane + i);
 }
 
-// To first order the corrections of all regions add up to that of the photograph: target - image,
+// To first order the corrections of all regions add up to that of the photo: target - image,
 // where some primitive is seen. The image is that of the renderer.
 static void check_targets(const sgs_scene *of, double tolerance)
 {
@@ -359,7 +359,7 @@ static void check_targets(const sgs_scene *of, double tolerance)
     sgs_trainer_destroy(halves[1]);
 }
 
-static void targets_of_two_halves_add_up_to_the_photographs(void **state)
+static void targets_of_two_halves_add_up_to_the_photos(void **state)
 {
     (void)state;
     check_targets(scene, 1.01 / 255);
@@ -392,7 +392,7 @@ int main(void)
         cmocka_unit_test(the_cap_counts_the_region_only),
         cmocka_unit_test(a_resumed_region_has_the_same_bits),
         cmocka_unit_test(a_region_trains_all_sh_bands_from_the_first_iteration),
-        cmocka_unit_test(targets_of_two_halves_add_up_to_the_photographs),
+        cmocka_unit_test(targets_of_two_halves_add_up_to_the_photos),
         cmocka_unit_test(a_region_without_primitives_is_refused),
     };
     return cmocka_run_group_tests(tests, prepare, clean);

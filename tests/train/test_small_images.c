@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Short runs on large photographs begin with images of half the size: the bundled scene with each
+// Short runs on large photos begin with images of half the size: the bundled scene with each
 // pixel repeated, 960 x 540.
 
 #include <setjmp.h>
@@ -18,7 +18,7 @@
 #include "train/small_images.h"
 #include "train/trainer_state.h"
 
-// With 60 photographs 0.3 of the run has half the size; the scene has 35, 20 of 45 above the least
+// With 60 photos 0.3 of the run has half the size; the scene has 35, 20 of 45 above the least
 // number, 15.
 enum { ITERATIONS = 15, HALF = ITERATIONS * 3 * 20 / (10 * 45) };
 
@@ -113,8 +113,8 @@ static void a_run_begins_with_half_the_size(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// The memory of a run is estimated before the photographs are loaded.
-static void the_schedule_is_known_before_the_photographs(void **state)
+// The memory of a run is estimated before the photos are loaded.
+static void the_schedule_is_known_before_the_photos(void **state)
 {
     (void)state;
     const sgs_train_options options = short_run();
@@ -175,8 +175,8 @@ static void the_memory_of_tiles_and_scores_is_estimated(void **state)
     free(views);
 }
 
-// Photographs in half floats are not reduced.
-static void float_photographs_keep_their_size(void **state)
+// Photos in half floats are not reduced.
+static void float_photos_keep_their_size(void **state)
 {
     (void)state;
     const sgs_train_options options = short_run();
@@ -255,8 +255,8 @@ static void runs_with_a_model_have_the_full_size(void **state)
     tree_remove(&folder);
 }
 
-// The largest side of a photograph: products of sides exceed an int.
-static void the_mask_of_a_long_photograph_is_reduced(void **state)
+// The largest side of a photo: products of sides exceed an int.
+static void the_mask_of_a_long_photo_is_reduced(void **state)
 {
     (void)state;
     enum { LONG = 65536, SHORT = 4, MASKED = 10 };
@@ -296,13 +296,13 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_run_begins_with_half_the_size),
-        cmocka_unit_test(the_schedule_is_known_before_the_photographs),
+        cmocka_unit_test(the_schedule_is_known_before_the_photos),
         cmocka_unit_test(the_memory_of_the_grid_is_estimated),
         cmocka_unit_test(the_memory_of_tiles_and_scores_is_estimated),
-        cmocka_unit_test(float_photographs_keep_their_size),
+        cmocka_unit_test(float_photos_keep_their_size),
         cmocka_unit_test(a_resumed_run_has_the_same_sizes),
         cmocka_unit_test(runs_with_a_model_have_the_full_size),
-        cmocka_unit_test(the_mask_of_a_long_photograph_is_reduced),
+        cmocka_unit_test(the_mask_of_a_long_photo_is_reduced),
     };
     return cmocka_run_group_tests(tests, load, unload);
 }

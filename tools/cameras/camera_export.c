@@ -39,7 +39,7 @@ static bool write_cameras_json(const char *path, const camera_list *list)
 {
     sgs_named_camera *cameras = calloc(list->count + 1, sizeof *cameras);
     if (!cameras) {
-        fail_run("%s: no memory for %zu cameras", path, list->count);
+        fail_run("%s: not enough memory for %zu cameras", path, list->count);
         return false;
     }
     for (size_t i = 0; i < list->count; ++i)
@@ -154,7 +154,7 @@ static bool write_with(const char *path, const camera_list *list, double fps,
         write(memory, list, fps);
     if (!memory || fclose(memory)) {
         free(text);
-        fail_run("%s: no memory for %zu cameras", path, list->count);
+        fail_run("%s: not enough memory for %zu cameras", path, list->count);
         return false;
     }
     const bool done = write_text(path, text);

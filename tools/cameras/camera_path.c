@@ -65,7 +65,7 @@ static vec axis(const sgs_pose *pose, int row)
         {pose->rotation[3 * row], pose->rotation[3 * row + 1], pose->rotation[3 * row + 2]}};
 }
 
-// Right and up of a view as the camera was held, by the Exif orientation of its photograph.
+// Right and up of a view as the camera was held, by the Exif orientation of its photo.
 static void held_axes(const sgs_pose *pose, int orientation, vec *right, vec *up)
 {
     const vec zero = {{0, 0, 0}}, x = axis(pose, 0), y = axis(pose, 1);
@@ -282,7 +282,7 @@ static bool allocate(const sgs_scene *scene, const path_options *options, camera
     }
     list->cameras = calloc((size_t)count, sizeof *list->cameras);
     if (!list->cameras)
-        fail_run("%s: no memory for a path of %d cameras", scene->path, count);
+        fail_run("%s: not enough memory for a path of %d cameras", scene->path, count);
     list->count = list->cameras ? (size_t)count : 0;
     return list->cameras != NULL;
 }
@@ -359,7 +359,7 @@ static bool orbit_find(const sgs_scene *scene, const view_group *group, orbit *p
     path->side = cross(path->up, path->start);
     path->stations = malloc(path->count * sizeof *path->stations);
     if (!path->stations) {
-        fail_run("%s: no memory for the stations of %zu views", scene->path, path->count);
+        fail_run("%s: not enough memory for the stations of %zu views", scene->path, path->count);
         return false;
     }
     for (size_t v = 0; v < path->count; ++v) {
@@ -373,7 +373,7 @@ static bool orbit_find(const sgs_scene *scene, const view_group *group, orbit *p
 }
 
 // The camera centre at an angle. Distance and height are means over the views, weighted by the
-// distance of their angles, so that the orbit stays near the photographs.
+// distance of their angles, so that the orbit stays near the photos.
 static vec orbit_eye(const orbit *path, double angle)
 {
     double sum = 0, radius = 0, height = 0;

@@ -116,7 +116,7 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
                                   : read_camera(text, width, height, &camera, &frame);
         if (!problem && !grow(list, &capacity)) {
             named_camera_free(&camera);
-            problem = "no memory for the camera";
+            problem = "not enough memory for the camera";
         }
         if (problem) {
             fail_run("%s: line %zu: %s", path, number, problem);

@@ -138,7 +138,7 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
                                 : SGS_SPLIT_ALL;
     list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
     if (!list->cameras) {
-        fail_run("no memory for the cameras of %zu views", scene->view_count);
+        fail_run("not enough memory for the cameras of %zu views", scene->view_count);
         return false;
     }
     for (size_t v = 0; v < scene->view_count; ++v) {
@@ -159,7 +159,7 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
     return false;
 }
 
-// Cameras of a COLMAP model or another data set, without its photographs.
+// Cameras of a COLMAP model or another data set, without its photos.
 static bool data_set_cameras(const camera_choice *choice, camera_list *list)
 {
     sgs_scene_options options = sgs_scene_options_default();

@@ -124,7 +124,7 @@ char **file_stems(char *const *first_name, size_t stride, size_t count)
     char **stems = calloc(count + 1, sizeof *stems);
     char ***order = calloc(count + 1, sizeof *order);
     if (!stems || !order) {
-        fail_run("no memory for the file names of %zu views", count);
+        fail_run("not enough memory for the file names of %zu views", count);
         free(order);
         free(stems);
         return NULL;
@@ -134,7 +134,7 @@ char **file_stems(char *const *first_name, size_t stride, size_t count)
         cut_extension(stems[i]);
     }
     if (!part_extended(&names, stems, order)) {
-        fail_run("no memory for the file names of %zu views", count);
+        fail_run("not enough memory for the file names of %zu views", count);
         free(order);
         file_stems_free(stems, count);
         return NULL;

@@ -45,7 +45,7 @@ static const command commands[] = {
     {"report", "create tables and an HTML page of an experiment", command_report, false},
     {"prune", "remove the least important primitives of a model", command_prune, false},
     {"bd", "compare two rate-distortion curves: BD-rate and BD-PSNR", command_bd, false},
-    {"bench", "measure the phases of training and the limits of the machine", command_bench, false},
+    {"bench", "measure the phases of training and the machine peaks", command_bench, false},
     {"profile", "profile the BVH of a model: trees, tests, hits, cost per tile", command_profile,
      false},
 };

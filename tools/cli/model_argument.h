@@ -20,7 +20,7 @@ bool model_open(const char *model, const sgs_model_read_options *options, opened
 void opened_model_free(opened_model *opened);
 
 // Reads a located model. A file that is marked as antialiased selects --filter mip, unless the
-// command line or the run's config selects a filter. If neither selects a near limit, it follows
+// command line or the run's config selects a filter. If neither selects a near distance, it follows
 // from the size of the model. drawing may be NULL. False after printing the error.
 bool model_read(const model_path *located, drawing_values *drawing, sgs_gaussians **gaussians);
 // The same; *info receives what the file records.

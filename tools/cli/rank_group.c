@@ -150,7 +150,7 @@ bool group_same_options(const command_line *line, const char *names)
         options_describe_only(out, line, names);
     bool same = out && !fclose(out);
     if (!same)
-        fail_run("no memory to compare the ranks");
+        fail_run("not enough memory to compare the ranks");
     same = group_all(same);
     if (same && sgs_ranks_compare(ranks, SGS_STATUS_OK, text)) {
         fail_library();
@@ -204,7 +204,7 @@ int group_number(int value)
 {
     int *all = ranks ? malloc((size_t)group_count() * sizeof *all) : NULL;
     if (ranks && !all)
-        fail_run("no memory for the ranks");
+        fail_run("not enough memory for the ranks");
     if (ranks && group_all(all != NULL) &&
         !sgs_ranks_gather(ranks, SGS_STATUS_OK, &value, sizeof value, all))
         value = all[0];
@@ -253,9 +253,8 @@ bool group_shares_folder(const char *folder)
         path = format_text("%s/%s", folder, text);
         shared = !access(path, F_OK);
         if (!shared)
-            fail_run(
-                "%s: this is another folder than on rank 0; all ranks need the same file system",
-                folder);
+            fail_run("%s: not the same folder as on rank 0; all ranks need a shared file system",
+                     folder);
     }
     shared = group_all(shared);
     if (file >= 0) {
@@ -313,7 +312,7 @@ json_t *group_traffic(void)
         own[k] = sgs_ranks_counted(ranks, (sgs_ranks_purpose)k);
     all = malloc((size_t)group_count() * sizeof own);
     if (!all)
-        fail_run("no memory for the traffic of the ranks");
+        fail_run("not enough memory for the traffic of the ranks");
     const bool shared =
         group_all(all != NULL) && !sgs_ranks_gather(ranks, SGS_STATUS_OK, own, sizeof own, all);
     json_t *root = shared ? json_object() : NULL;

@@ -272,13 +272,13 @@ bool scene_open_was_cancelled(void)
     return loading_cancelled;
 }
 
-// The cameras alone, after a failure to load the scene with its photographs.
+// The cameras alone, after a failure to load the scene with its photos.
 static sgs_status load_cameras(const char *path, sgs_scene_options *options, sgs_scene **scene)
 {
     options->cameras_only = true;
     const sgs_status status = sgs_scene_load(path, options, scene);
     if (!status)
-        print_note("%s: no photographs; the views have the size of their cameras", path);
+        print_note("%s: no images found; using the image sizes of the cameras", path);
     return status;
 }
 
@@ -415,7 +415,7 @@ static const option drawing_options[] = {
      .argument = "X",
      .initial = "0.2",
      .shown = "as trained, else 0.2, or less for a small scene",
-     .help = "near limit: ray hits up to this distance from the camera are ignored; scene units"},
+     .help = "near distance: hits closer to the camera than this are ignored; scene units"},
 };
 
 option_group drawing_group(drawing_values *values)

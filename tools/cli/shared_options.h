@@ -70,8 +70,8 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     }
 // Loads the scene; NULL after printing the error, or when a signal ended the loading.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
-// The same without images, and without an error if there are no photographs. width, height: size of
-// views for which neither camera file nor photograph gives one, or 0.
+// The same without images, and without an error if there are no photos. width, height: size of
+// views for which neither camera file nor photo gives one, or 0.
 sgs_scene *scene_open_cameras(const char *path, const scene_values *values, int width, int height);
 // True when a signal ended the last of these calls.
 bool scene_open_was_cancelled(void);

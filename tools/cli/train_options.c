@@ -87,10 +87,9 @@ static const option output_options[] = {
      .offset = AT(view),
      .argument = "[A:]PORT",
      .shown = "none",
-     .help =
-         "show the training in the browser at this port of 127.0.0.1 or of IPv4 address A; 0 "
-         "chooses a free port; see 'sparegs help view'. A training that is paused in the browser "
-         "continues when no page has been open for 60 s"},
+     .help = "show the run in the browser at this port of 127.0.0.1 or of IPv4 address A; 0 "
+             "chooses a free port; see 'sparegs help view'. A run that is paused in the browser "
+             "resumes when no page has been open for 60 s"},
     {.name = "view-share",
      .kind = OPTION_REAL,
      .offset = AT(view_share),

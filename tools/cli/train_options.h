@@ -36,7 +36,7 @@ void train_resolve(train_values *values, const command_line *line, uint64_t seed
 int train_region_resolve(train_values *values);
 
 // Checks that config.json can record the text options of the scene: later commands read them there,
-// and would use other photographs, masks or another split without a message. Returns -1 to
+// and would use other photos, masks or another split without a message. Returns -1 to
 // continue, or an exit status.
 int train_scene_check(const scene_values *scene);
 

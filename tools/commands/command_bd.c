@@ -202,7 +202,7 @@ static bool curve_add(const char *path, size_t row, const char *line, const tabl
     }
     sgs_rd_point *grown = realloc(read->points, (read->count + 1) * sizeof *grown);
     if (!grown) {
-        fail_run("%s: no memory for %zu rows", path, read->count + 1);
+        fail_run("%s: not enough memory for %zu rows", path, read->count + 1);
         return false;
     }
     read->points = grown;

@@ -24,7 +24,7 @@ static const char description[] =
     "sparse-32k, dense-500k and dense-2m), or on MODEL (a model file or a run folder) viewed from "
     "the cameras of SCENE. Prints the median, minimum and maximum over the repetitions, per ray "
     "hit in TSC cycles and nanoseconds and per megapixel, both as core time (wall-clock time x "
-    "threads), together with the limits of the machine, measured in the same run. `forward` is "
+    "threads), together with the machine peaks, measured in the same run. `forward` is "
     "projection, ordering and blending, without `gather`; `total` is gather, forward and backward; "
     "`iteration` is everything except `build`. --ranks predicts training on several machines.";
 
@@ -179,7 +179,7 @@ static bool predict_ranks(const bench_run *run, sgs_bench *bench, bench_result *
     result->rank_count = (size_t)ranks->count;
     result->ranks = calloc(result->rank_count, sizeof *result->ranks);
     if (!result->ranks) {
-        fail_run("no memory for the predictions");
+        fail_run("not enough memory for the predictions");
         return false;
     }
     if (!apply(&run->settings[0]))
@@ -200,7 +200,7 @@ static bool measure(bench_run *run, const char *name, const sgs_gaussians *model
     for (size_t s = 0; s < run->setting_count && done; ++s)
         done = add_result(run, name, &run->settings[s]) != NULL;
     if (!done)
-        fail_run("no memory for the measurements");
+        fail_run("not enough memory for the measurements");
     if (done && (!apply(&run->settings[0]) ||
                  sgs_bench_create_with(model, views, view_count, render, &bench))) {
         fail_library();
@@ -359,7 +359,7 @@ static int run_bench(const bench_values *values, const command_line *line, scene
     bool done = check_paths(line) && make_settings(&run, option_given(line, "isa"));
     run.report.results = calloc((run.setting_count + 1) * 8, sizeof *run.report.results);
     if (done && !run.report.results) {
-        fail_run("no memory for the measurements");
+        fail_run("not enough memory for the measurements");
         done = false;
     }
     done = done && measure_all(&run, line, data);
@@ -405,7 +405,7 @@ static int check_idle(const command_line *line, bool list)
         warn_idle(line, SCENE_NAMES, "without a MODEL and its SCENE");
     else
         warn_idle(line, "eval|test-every|test-images", "on bench, which uses all views");
-    warn_idle(line, PHOTO_NAMES, "on bench, which reads no photographs");
+    warn_idle(line, PHOTO_NAMES, "on bench, which reads no photos");
     return -1;
 }
 

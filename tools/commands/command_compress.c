@@ -26,8 +26,10 @@ static const char description[] =
     "published methods, or fcgs-like. SCENE provides the views for methods that weight primitives "
     "by their contribution or "
     "that fine-tune the result. `sparegs decompress` writes the PLY file again.\nghap reduces the "
-    "number of primitives and stores them as floats. sog sorts them into a square grid and stores "
-    "it as images. lightgaussian quantises the SH coefficients with a codebook. mesongs codes "
+    "number of primitives and stores the rest as floats. sog sorts all primitives into a square "
+    "grid and stores "
+    "the grid as images. lightgaussian quantises the SH coefficients with a codebook. mesongs "
+    "codes "
     "positions as an octree and attributes with RAHT and 8 bits. fcgs-like codes quantised "
     "attributes with probabilities fitted to the model; it has the structure of FCGS without its "
     "trained network, so its results are not those of FCGS.";
@@ -87,7 +89,7 @@ static const option compress_options[] = {
      .low = 0.001,
      .high = 1,
      .argument = "R",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=ghap|method=lightgaussian|method=mesongs",
      .help = "fraction of the primitives to keep"},
     {.name = "eig-min",
@@ -228,7 +230,7 @@ static const option compress_options[] = {
      .argument = "X",
      .shown = "of the preset",
      .needs = "method=fcgs-like",
-     .help = "factor on all quantiser steps"},
+     .help = "multiplier of all quantiser steps"},
     {.name = "codec",
      .kind = OPTION_CHOICE,
      .offset = offsetof(compress_values, codec),
@@ -347,9 +349,9 @@ static int check_values(const command_line *line, const compress_values *values)
     if (!values->output)
         return fail_usage("compress requires -o FILE");
     if (!has_scene && values->finetune > 0)
-        return fail_usage("--finetune: fine-tuning requires a scene; add the operand SCENE");
+        return fail_usage("--finetune: fine-tuning requires a scene; add the argument SCENE");
     if (!has_scene && values->distill)
-        return fail_usage("--distill: the distillation requires a scene; add the operand SCENE");
+        return fail_usage("--distill: the distillation requires a scene; add the argument SCENE");
     if (!has_scene && values->keep > 0 && values->keep < 1 &&
         (values->method == SGS_COMPRESS_LIGHTGAUSSIAN || values->method == SGS_COMPRESS_MESONGS))
         return fail_usage("--keep: the importance of primitives requires a scene; add the operand "

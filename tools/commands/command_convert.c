@@ -27,7 +27,8 @@
 
 static const char description[] =
     "Converts a model: reads IN (a file of a known format, a SOG folder or a run folder: its "
-    "latest iteration) and writes OUT in the format of its name: .ply, .compressed.ply, .splat, "
+    "latest iteration) and writes OUT in the format that its name selects: .ply, .compressed.ply, "
+    ".splat, "
     ".spz, .ksplat, .glb, .sog, FOLDER/meta.json (SOG in files), FOLDER/lod-meta.json (SOG with "
     "levels of detail), .usda (OpenUSD) or .html (a page that shows the model offline).\nFilters "
     "are applied first and use the axes of a 3DGS PLY, regardless of the format of IN; then the "
@@ -163,7 +164,7 @@ static const option convert_options[] = {
      .high = 255,
      .argument = "N",
      .initial = "0",
-     .help = "level of detail to read of a lod-meta.json; 0 is the finest"},
+     .help = "level of detail to read from a lod-meta.json; 0 is the finest"},
     {.name = "spz-version",
      .kind = OPTION_CHOICE,
      .offset = offsetof(convert_values, spz_version),
@@ -388,7 +389,7 @@ static bool filter_model(const convert_plan *plan, const char *name, const opene
                                  .floaters = values->floaters ? &plan->floaters : NULL};
     unsigned char *keep = malloc(model->count + 1);
     if (!keep)
-        fail_run("no memory to filter %zu primitives", model->count);
+        fail_run("not enough memory to filter %zu primitives", model->count);
     const bool done = keep && model_filter_select(&filter, model, keep);
     if (done)
         sgs_selection_apply(model, keep);
@@ -419,7 +420,7 @@ static float *view_weights(const opened_model *opened, const sgs_scene *scene)
     progress_work_start();
     bool done = contributions && weights;
     if (!done) {
-        fail_run("no memory for the weights of %zu primitives", count);
+        fail_run("not enough memory for the weights of %zu primitives", count);
     } else {
         const sgs_status status =
             sgs_contributions(opened->gaussians, scene, &options, contributions);
@@ -548,7 +549,7 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
         scene && (plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML);
     sgs_model_camera *cameras = has_cameras ? make_cameras(plan, scene) : NULL;
     if (has_cameras && !cameras) {
-        fail_run("%s: no memory for %zu cameras", path, scene->view_count);
+        fail_run("%s: not enough memory for %zu cameras", path, scene->view_count);
         return false;
     }
     progress_work_start();
@@ -666,7 +667,7 @@ int command_convert(int argc, char **argv)
     if (call.line.operand_count == 2)
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "without a SCENE");
     warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace",
-              "on convert, which reads no photographs");
+              "on convert, which reads no photos");
     const char *out = call.line.operands[1];
     if (same_file(out, call.line.operands[0]))
         return refuse_input_at(out);

@@ -79,7 +79,7 @@ static bool save_images(const char *folder, const char *stem, const view_images 
     bool saved =
         errors_colored(images->flip_map, images->photo.width, images->photo.height, &errors);
     if (!saved)
-        fail_run("no memory for an error map of %d x %d", images->photo.width,
+        fail_run("not enough memory for an error map of %d x %d", images->photo.width,
                  images->photo.height);
     for (size_t k = 0; k < sizeof files / sizeof *files && saved; ++k) {
         char *path = format_text("%s/%s%s.png", folder, stem, files[k].suffix);
@@ -157,7 +157,7 @@ static bool evaluate_on_ranks(const evaluator *evaluation, sgs_split split, imag
     rank_score *scores = calloc(count + 1, sizeof *scores);
     bool done = scores != NULL;
     if (!done)
-        fail_run("no memory for the scores of %zu views", count);
+        fail_run("not enough memory for the scores of %zu views", count);
     done = group_all(done) &&
            evaluate_views(evaluation, split, NULL, folder ? save_view : NULL, folder, scores);
     group_stop_requested(); // all ranks then end alike
@@ -185,7 +185,7 @@ static void print_means(const evaluator *evaluation, sgs_split split, const spli
         printf(", LPIPS %.4f (%s)", mean->mean.lpips, sgs_lpips_network(evaluation->lpips));
     printf(" over %zu images (%s)\n", mean->images, kind);
     if (mean->identical)
-        printf("%zu of them identical to the photograph: PSNR is infinite and counts as %g dB in "
+        printf("%zu of them identical to the photo: PSNR is infinite and counts as %g dB in "
                "the mean\n",
                mean->identical, IDENTICAL_PSNR);
     free(kind);
@@ -295,8 +295,7 @@ static bool describe_views(FILE *out, const void *context)
             fail_library();
             return false;
         }
-        fprintf(out,
-                "index of %s: %zu\ncamera of %s: %016" PRIx64 "\nphotograph %s: %016" PRIx64 "\n",
+        fprintf(out, "index of %s: %zu\ncamera of %s: %016" PRIx64 "\nphoto %s: %016" PRIx64 "\n",
                 view->name, v, view->name, sgs_rank_camera_digest(&view->camera, &view->pose),
                 view->name, sgs_rank_photo_digest(photo));
     }

@@ -498,7 +498,7 @@ static int status_of(const experiment_plan *plan, const char *folder, const int 
         return fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them", folder,
                         counts[FAILED_RUNS], plan->count);
     if (counts[OTHERS_RUNS] && group_leads())
-        print_note("%s: other experiments worked on %d of %zu runs; the last of them completes the "
+        print_note("%s: other jobs took %d of %zu runs; the last job to finish completes the "
                    "results",
                    folder, counts[OTHERS_RUNS], plan->count);
     else if (group_leads() && !await_results(plan, folder))

@@ -89,7 +89,7 @@ static bool describe_gaussians(const sgs_gaussians *model, json_t *root)
 {
     double *values = malloc((3 * model->count + 1) * sizeof *values);
     if (!values) {
-        fail_run("no memory to describe %zu primitives", model->count);
+        fail_run("not enough memory to describe %zu primitives", model->count);
         return false;
     }
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -351,7 +351,7 @@ int command_info(int argc, char **argv)
     if (model_is(path))
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "on a model");
     warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white",
-              "on info, which reads no photographs");
+              "on info, which reads no photos");
     json_t *root = json_object();
     const bool done =
         is_model(path) ? describe_model(path, root) : describe_scene(path, &data, root);

@@ -191,8 +191,8 @@ static bool read_reference(merging *m)
     char *coarse = format_text("%s/coarse", m->blocks.folder);
     const bool done = (!start || read_start(m, start)) && read_start(m, coarse);
     if (done && !m->reference)
-        print_warning("%s: the model that the blocks started from is missing or was trained again; "
-                      "the seams are compared without it, or with --seam-reference",
+        print_warning("%s: the model that the blocks started from is missing or was retrained; "
+                      "seams are compared without it; give it with --seam-reference",
                       start ? start : coarse);
     free(coarse);
     return done;
@@ -241,7 +241,7 @@ static int open_scene(merging *m, const command_line *line)
         return status;
     m->data.held_out = NULL; // names views of the first block only
     if (!path)
-        return fail_run("%s: names no scene; add the operand SCENE", m->blocks.plan_path);
+        return fail_run("%s: no scene is recorded; add the argument SCENE", m->blocks.plan_path);
     m->scene = scene_open(path, &m->data, m->values->seam_images > 0);
     if (!m->scene || !block_plan_is_of(&m->blocks.plan, m->blocks.plan_path, m->scene))
         return EXIT_FAILED;

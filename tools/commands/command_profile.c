@@ -314,7 +314,7 @@ static int run_profile(const command_line *line, const profile_values *values,
             const bool done = profile_model(job, scene, option_given(line, "split"));
             status = done ? interrupt_status() : EXIT_FAILED;
         } else {
-            status = fail_run("no memory for a profile");
+            status = fail_run("not enough memory for a profile");
         }
         free(job);
     }
@@ -356,7 +356,7 @@ int command_profile(int argc, char **argv)
         return status;
     warn_idle(&call.line,
               "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white|background",
-              "on profile, which reads no photographs and writes no pictures");
+              "on profile, which reads no images and renders no colours");
     if (values.view || values.orbit || !option_given(&call.line, "split") || values.split == ALL)
         warn_idle(&call.line, "eval|test-every|test-images",
                   "without --split test or --split train");

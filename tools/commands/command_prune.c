@@ -48,7 +48,7 @@ static const option prune_options[] = {
      .kind = OPTION_FOLDER,
      .offset = offsetof(prune_values, output),
      .argument = "OUT",
-     .shown = "required, or --scores or --features",
+     .shown = "none; required without --scores and --features",
      .help = "file of the pruned model, in the format of its name; with several ratios a folder of "
              "prune_R.ply"},
     {.name = "method",
@@ -77,7 +77,7 @@ static const option prune_options[] = {
      .argument = "FILE",
      .shown = "none",
      .needs = "method=rap",
-     .help = "network of RAP's authors, net_f15.pth; required for rap's scores"},
+     .help = "RAP's network weights, net_f15.pth from its authors; required for scores"},
     {.name = "features",
      .kind = OPTION_TEXT,
      .path = PATH_OUTPUT,
@@ -202,10 +202,10 @@ static int check_values(pruning *p)
     if (values->output && p->ratios.count == 1 && model_output_format(values->output, &format) >= 0)
         return EXIT_USAGE;
     if (!has_scene && needs_views(values->method))
-        return fail_usage("--method %s requires the operand SCENE for its training views",
+        return fail_usage("--method %s requires the argument SCENE for its training views",
                           method_names[values->method]);
     if (!has_scene && values->finetune)
-        return fail_usage("--finetune requires the operand SCENE");
+        return fail_usage("--finetune requires the argument SCENE");
     if (!has_scene)
         return refuse_idle(p->line,
                            "images|downscale|eval|test-every|test-images|masks|invert-masks|alpha|"
@@ -220,7 +220,7 @@ static void warn_idle_options(const pruning *p)
         return;
     if (!p->values->finetune)
         warn_idle(p->line, "masks|invert-masks|alpha|image-cache|input-colorspace|background",
-                  "without --finetune: the score reads no photographs");
+                  "without --finetune: the score reads no photos");
     if (!p->values->finetune && !needs_views(p->values->method))
         // The filter is recorded in OUT.
         warn_idle(p->line,
@@ -238,7 +238,7 @@ static bool add_camera(pruning *p, const double center[3])
 {
     double(*grown)[3] = realloc(p->cameras, (p->camera_count + 1) * sizeof *grown);
     if (!grown) {
-        fail_run("no memory for %zu cameras", p->camera_count + 1);
+        fail_run("not enough memory for %zu cameras", p->camera_count + 1);
         return false;
     }
     p->cameras = grown;
@@ -296,7 +296,7 @@ static bool show_features(void *user, size_t done, size_t total)
 static bool has_memory(const void *block, const pruning *p, const char *what)
 {
     if (!block)
-        fail_run("no memory for the %s of %zu primitives", what, p->model->count);
+        fail_run("not enough memory for the %s of %zu primitives", what, p->model->count);
     return block != NULL;
 }
 
@@ -376,7 +376,7 @@ static bool write_table(const pruning *p, const char *path, const char *header, 
         put(p, stream, i);
     bool written = stream && !fclose(stream);
     if (!written)
-        fail_run("%s: no memory for %zu rows", path, p->model->count);
+        fail_run("%s: not enough memory for %zu rows", path, p->model->count);
     written = written && make_folder_of(path) && write_text(path, text);
     free(text);
     return written;
@@ -437,7 +437,7 @@ static sgs_gaussians *prune_model(const pruning *p, double ratio)
     size_t kept;
     sgs_gaussians *pruned = NULL;
     if (!keep)
-        fail_run("no memory for %zu primitives", p->model->count);
+        fail_run("not enough memory for %zu primitives", p->model->count);
     else if (sgs_prune_select((sgs_prune_method)p->values->method, p->scores, p->model->count,
                               ratio, keep, &kept) ||
              sgs_gaussians_keep(p->model, keep, &pruned))

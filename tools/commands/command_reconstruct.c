@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// `sparegs reconstruct`: estimates cameras of photographs with COLMAP as a child process, in three
+// `sparegs reconstruct`: estimates cameras of photos with COLMAP as a child process, in three
 // stages: features, matches, models. SCENE/colmap/state.json records the completed stages and their
 // inputs, so that an interrupted run resumes. The model with the most images becomes
 // SCENE/sparse/0, where `train` looks for it.
@@ -86,19 +86,19 @@ typedef struct reconstruction {
     const char *photos; // as given
     char *photos_path;  // absolute
     char *work, *database, *models, *state_path, *list_path;
-    FILE *list;  // names of the photographs, a line each, for COLMAP
+    FILE *list;  // names of the photos, a line each, for COLMAP
     char *names; // its text
     size_t name_bytes;
-    size_t count;       // photographs
-    size_t unread;      // photographs in other formats
+    size_t count;       // photos
+    size_t unread;      // photos in other formats
     char *first_unread; // name
-    int width, height;  // of all photographs, or 0 if they differ
+    int width, height;  // of all photos, or 0 if they differ
     // {"made_from": ..., "stages": [...], "kept": [...]}: `kept` has the digests of the models that
     // may be in SCENE/sparse/0.
     json_t *state;
 } reconstruction;
 
-// ---- The photographs ----
+// ---- The photos ----
 
 static bool has_ending(const char *name, const char *const *endings)
 {
@@ -109,7 +109,7 @@ static bool has_ending(const char *name, const char *const *endings)
     return false;
 }
 
-// Masks next to photographs are not photographs.
+// Masks next to photos are not photos.
 static bool is_photo(const char *name)
 {
     static const char *const endings[] = {"jpg", "jpeg", "png", "tif", "tiff",
@@ -120,7 +120,7 @@ static bool is_photo(const char *name)
     return has_ending(name, endings) && !is_mask;
 }
 
-// Other formats of photographs: COLMAP 3.8 cannot read them, or reads raw files undeveloped.
+// Other formats of photos: COLMAP 3.8 cannot read them, or reads raw files undeveloped.
 static bool is_unread(const char *name)
 {
     static const char *const endings[] = {"heic", "heif", "avif", "dng", "nef", "cr2", "cr3",
@@ -128,7 +128,7 @@ static bool is_unread(const char *name)
     return has_ending(name, endings);
 }
 
-// True if there is the same photograph in a format that COLMAP reads.
+// True if there is the same photo in a format that COLMAP reads.
 static bool has_copy(struct dirent *const *entries, int count, const char *name)
 {
     const size_t length = (size_t)(strrchr(name, '.') + 1 - name); // with the dot
@@ -182,8 +182,8 @@ static void add_photo(reconstruction *run, const char *path, const char *name,
     free(line);
 }
 
-// Lists the photographs below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
-// COLMAP does, it follows links to photographs and not links to folders, which can form cycles.
+// Lists the photos below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
+// COLMAP does, it follows links to photos and not links to folders, which can form cycles.
 static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
                         json_t *made_from)
 {
@@ -442,7 +442,7 @@ static char *largest_model(const reconstruction *run, unsigned long long *regist
         best = folder;
     }
     if (!best)
-        fail_run("%s: COLMAP registered none of the %zu photographs; take more photographs with "
+        fail_run("%s: COLMAP registered none of the %zu photos; take more photos with "
                  "more overlap, of a textured subject",
                  run->photos, run->count);
     return best;
@@ -498,14 +498,14 @@ static int report(reconstruction *run, bool json)
         print_note("%s: COLMAP produced %d separate models; the largest is used", run->photos,
                    models);
     if (!json) {
-        printf("%llu of %zu photographs registered, %lld points, mean reprojection error %.3f "
+        printf("%llu of %zu photos registered, %lld points, mean reprojection error %.3f "
                "px\n%s\n",
                registered, run->count, progress.points, progress.error, run->values->output);
         return EXIT_DONE;
     }
     json_t *root = json_object();
     json_object_set_new(root, "scene", json_text(run->values->output));
-    json_object_set_new(root, "photographs", json_integer((json_int_t)run->count));
+    json_object_set_new(root, "photos", json_integer((json_int_t)run->count));
     json_object_set_new(root, "registered", json_integer((json_int_t)registered));
     json_object_set_new(root, "models", json_integer(models));
     json_object_set_new(root, "points",
@@ -553,7 +553,7 @@ static bool check_work(const reconstruction *run)
     return true;
 }
 
-// Features and matches can be hours of work: those of other photographs or options are kept.
+// Features and matches can be hours of work: those of other photos or options are kept.
 static bool keep_database(const reconstruction *run)
 {
     char *kept = format_text("%s/database.previous.db", run->work);
@@ -562,14 +562,14 @@ static bool keep_database(const reconstruction *run)
     if (!moved)
         fail_run("%s: cannot rename to %s: %s", run->database, kept, strerror(errno));
     else if (exists)
-        print_note("%s: the photographs or the options have changed, so that all stages start "
+        print_note("%s: the photos or the options have changed, so that all stages start "
                    "again; the earlier features and matches are in %s",
                    run->values->output, kept);
     free(kept);
     return moved;
 }
 
-// Keeps the completed stages of an earlier run with the same photographs and options.
+// Keeps the completed stages of an earlier run with the same photos and options.
 static bool open_state(reconstruction *run, json_t *made_from)
 {
     if (run->state && json_equal(json_object_get(run->state, "made_from"), made_from)) {
@@ -614,7 +614,7 @@ static int run_stages(reconstruction *run)
     for (size_t i = 0; i < sizeof stages / sizeof *stages; ++i) {
         if (stage_done(run, stages[i].name))
             continue;
-        print_note("%s: %s %zu photographs", run->photos, stages[i].text, run->count);
+        print_note("%s: %s %zu photos", run->photos, stages[i].text, run->count);
         const int status = stages[i].run(run, threads);
         if (status >= 0)
             return status;
@@ -624,20 +624,19 @@ static int run_stages(reconstruction *run)
     return -1;
 }
 
-// Lists the photographs of the whole folder. False after printing the error.
+// Lists the photos of the whole folder. False after printing the error.
 static bool find_photos(reconstruction *run, json_t *made_from)
 {
     run->list = open_memstream(&run->names, &run->name_bytes);
     bool found = run->list && list_photos(run, run->photos_path, "", 0, made_from);
     if (!run->list || fclose(run->list)) {
-        fail_run("%s: no memory for the names of its photographs", run->photos);
+        fail_run("%s: not enough memory for the names of its photos", run->photos);
         found = false;
     }
     if (found && run->unread)
-        print_warning(
-            "%s: %zu photograph(s) in other formats are not used, first '%s'; convert them "
-            "to JPEG, PNG or TIFF",
-            run->photos, run->unread, run->first_unread);
+        print_warning("%s: %zu photo(s) in other formats are not used, first '%s'; convert them "
+                      "to JPEG, PNG or TIFF",
+                      run->photos, run->unread, run->first_unread);
     free(run->first_unread);
     return found;
 }
@@ -656,9 +655,8 @@ static int reconstruct(reconstruction *run, bool json)
         json_array_append_new(made_from, json_boolean(is_exhaustive(run)));
         json_array_append_new(made_from, json_integer(v->cameras));
         if (run->count < 2)
-            fail_run(
-                "%s: contains %zu photograph(s); at least 2 are required, 20 or more recommended",
-                run->photos, run->count);
+            fail_run("%s: contains %zu photo(s); at least 2 are required, 20 or more recommended",
+                     run->photos, run->count);
         else if (read_state(run) && check_work(run) &&
                  reconstructed_scene_check(v->output, run->photos_path,
                                            json_object_get(run->state, "kept")) &&
@@ -707,7 +705,7 @@ int command_reconstruct(int argc, char **argv)
     run.database = format_text("%s/database.db", run.work);
     run.models = format_text("%s/models", run.work);
     run.state_path = format_text("%s/state.json", run.work);
-    run.list_path = format_text("%s/photographs.txt", run.work);
+    run.list_path = format_text("%s/photos.txt", run.work);
     status = reconstruct(&run, call.common.json);
     json_decref(run.state);
     char *const strings[] = {run.photos_path, run.work,      run.database, run.models,

@@ -174,7 +174,7 @@ static const option render_options[] = {
      .offset = AT(projection),
      .argument = "view|equirectangular",
      .initial = "view",
-     .help = "lens of the view, or a full panorama as longitude and latitude"},
+     .help = "lens of the view, or a full equirectangular (lat-long) panorama"},
     {.name = "spp",
      .kind = OPTION_INTEGER,
      .offset = AT(samples),
@@ -250,7 +250,7 @@ static const option render_options[] = {
      .initial = "auto",
      .needs = "output&format=exr|deep",
      .help = "EXR compression; auto uses zip for data that shrink by at least a third, else none; "
-             "dwaa is lossy for colour; deep files use zips, or none with none"},
+             "dwaa is lossy for colour; deep files use zips, or none with --compression none"},
     {.name = "half",
      .kind = OPTION_FLAG,
      .offset = AT(half),
@@ -500,7 +500,7 @@ static unsigned camera_formats(const render_values *values)
     return values->save_cameras ? values->save_cameras : is_path ? CAMERAS_JSON : 0;
 }
 
-// False after printing the error if the frames or the camera files would replace photographs, the
+// False after printing the error if the frames or the camera files would replace photos, the
 // cameras of a run, or those of --camera.
 static bool spares_inputs(const render_values *values, const sgs_scene *scene,
                           const camera_list *cameras)
@@ -564,7 +564,7 @@ static bool render_model(const command_line *line, const model_path *located, ca
     return done;
 }
 
-// Paths do not need photographs, unless --images names their folder.
+// Paths do not need photos, unless --images names their folder.
 static sgs_scene *open_scene(const command_line *line, const camera_choice *choice,
                              const scene_values *data)
 {
@@ -736,7 +736,7 @@ static void warn_about_idle(const command_line *line, const render_values *value
                exr = colors && values->format == FORMAT_EXR,
                pictures = values->film || (colors && values->format != FORMAT_EXR);
     warn_idle(line, "masks|invert-masks|alpha|image-cache|input-colorspace",
-              "on render, which reads no photographs");
+              "on render, which reads no photos");
     if (values->camera)
         warn_idle(line, "images|downscale|eval|test-every|test-images", "with --camera");
     else if (values->view || values->orbit || values->spiral)

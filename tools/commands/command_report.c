@@ -361,7 +361,7 @@ static bool write_page(const char *path, json_t *data)
     const char *at = strstr(report_page, mark);
     if (!json || !at) {
         free(json);
-        fail_run("%s: no memory for the page", path);
+        fail_run("%s: not enough memory for the page", path);
         return false;
     }
     // "</script" would end the script element that contains the data, and "<!--<script" would

@@ -24,7 +24,8 @@ static const char description[] =
     "extend to infinity. A view belongs to a block if enough of its lines of sight to sparse "
     "points cross the cell of the block, enlarged by a margin.\nWrites into DIR:\n  blocks.json  "
     "boxes and views of the blocks\n  coarse.sh    trains a coarse model of the whole scene in "
-    "DIR/coarse\n  blocks.sh    trains the blocks from it in DIR/block_N, in turn or as a Slurm "
+    "DIR/coarse\n  blocks.sh    trains the blocks from it in DIR/block_N, one after another or as "
+    "a Slurm "
     "array job\nBoth scripts pass their arguments to 'sparegs train'. Afterwards, 'sparegs merge "
     "DIR -o OUT' joins the blocks. The guide is in tools/manual/cluster.md.";
 

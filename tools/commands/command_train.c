@@ -34,8 +34,10 @@ static const char description[] =
     "point_cloud/iteration_N/point_cloud.ply  the model, readable by 3DGS viewers\n  cameras.json, "
     "input.ply, config.json     cameras, initial cloud, options\n  train.csv, spare.csv, "
     "summary.json       training curves and results\n  checkpoint/                              "
-    "full state for --resume\nSIGINT, SIGTERM, SIGUSR2, SIGXCPU and SIGHUP finish the current "
-    "iteration and save; a second signal exits at once. SIGUSR1 saves a checkpoint and continues. "
+    "full state for --resume\nOn SIGINT, SIGTERM, SIGUSR2, SIGXCPU or SIGHUP, train finishes the "
+    "current "
+    "iteration and saves; a second signal aborts it. On SIGUSR1, it saves a checkpoint and "
+    "continues. "
     "Under mpirun or srun, several processes train one model, with the same result as one process.";
 
 // ---- Before the first iteration ----
@@ -279,10 +281,11 @@ static bool has_no_time(const training *run)
 {
     if (!time_is_up(run))
         return false;
-    fail_run("%s: --time-limit %gs leaves no time for an iteration: at least %.0f s are required "
-             "with loading and saving; nothing was trained; allow more time, or omit --time-limit",
-             run->values.output, run->values.time_limit,
-             ceil(clock_seconds() - run->started + time_needed(run)));
+    fail_run(
+        "%s: --time-limit %gs leaves no time for an iteration: at least %.0f s are required "
+        "including loading and saving; nothing was trained; allow more time, or omit --time-limit",
+        run->values.output, run->values.time_limit,
+        ceil(clock_seconds() - run->started + time_needed(run)));
     return true;
 }
 
@@ -295,7 +298,7 @@ static void record_update(training *run, const sgs_step_info *info)
 }
 
 // Handles a failed step. Saves the state if it is whole on all ranks, as after an unreadable
-// photograph.
+// photo.
 static bool give_up(training *run, const sgs_step_info *info, bool whole)
 {
     char *reason = format_text("%s", sgs_last_error());

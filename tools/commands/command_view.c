@@ -77,7 +77,7 @@ static int export_page(const char *path, const view_source *source)
         return EXIT_FAILED;
     sgs_model_camera *cameras = calloc(views->count + 1, sizeof *cameras);
     if (!cameras)
-        return fail_run("no memory for %zu cameras", views->count);
+        return fail_run("not enough memory for %zu cameras", views->count);
     size_t distorted = 0;
     for (size_t k = 0; k < views->count; ++k)
         distorted += camera_for_model(views->cameras[k].name, &views->cameras[k].camera,
@@ -153,7 +153,7 @@ static int run_view(const command_line *line, const view_values *values, scene_v
     if (status < 0)
         status = model_scene_resolve(data, line, &located);
     if (status < 0 && line->operand_count > 1) {
-        data->measure_white = !values->export; // of the photographs that are shown
+        data->measure_white = !values->export; // of the photos that are shown
         scene = scene_open(line->operands[1], data, false);
         status = scene ? -1 : EXIT_FAILED;
     }

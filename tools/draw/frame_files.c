@@ -3,7 +3,7 @@
 
 // Writes frames as EXR and PNG files.
 //
-// Colour. Models are trained on photographs as stored, so model colours are display (sRGB) values
+// Colour. Models are trained on photos as stored, so model colours are display (sRGB) values
 // and are blended as such. EXR files are expected to be scene-linear: the blended colour is
 // unpremultiplied, decoded with the sRGB curve (extended above 1) and premultiplied again. `srgb`
 // keeps the blended values.
@@ -136,7 +136,7 @@ static bool make_regions(const frame_files *files, const sgs_frame *frame, unsig
     planes->region = malloc(pixels * sizeof *planes->region);
     planes->slack = malloc(pixels * sizeof *planes->slack);
     if (!planes->region || !planes->slack) {
-        fail_run("%s: no memory for the region planes", files->name);
+        fail_run("%s: not enough memory for the region planes", files->name);
         return false;
     }
     for (size_t i = 0; i < pixels; ++i) {
@@ -171,7 +171,7 @@ static bool make_planes(const frame_files *files, const sgs_frame *frame, made_p
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
     *planes = (made_planes){.alpha = malloc(pixels * sizeof *planes->alpha)};
     if (!planes->alpha || !make_counts(files->aovs, frame, planes)) {
-        fail_run("%s: no memory to write it", files->name);
+        fail_run("%s: not enough memory to write it", files->name);
         return false;
     }
     for (size_t i = 0; i < pixels; ++i)
@@ -296,7 +296,7 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
 {
     deep_file *file = calloc(1, sizeof *file);
     if (!file) {
-        fail_run("%s: no memory to write it", files->name);
+        fail_run("%s: not enough memory to write it", files->name);
         return NULL;
     }
     view_matrices matrices;
@@ -358,7 +358,7 @@ sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts
         file->samples = malloc(total * sizeof *file->samples);
         file->capacity = file->samples ? total : 0;
         if (!file->samples) {
-            fail_run("no memory for the samples of %d rows", rows);
+            fail_run("not enough memory for the samples of %d rows", rows);
             file->failed = true;
             return SGS_STATUS_OUT_OF_MEMORY;
         }
@@ -423,7 +423,7 @@ bool frame_picture(const frame_files *files, const sgs_frame *frame, sgs_image8 
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
     float *display = malloc(3 * pixels * sizeof *display);
     if (!display) {
-        fail_run("%s: no memory to write it", files->name);
+        fail_run("%s: not enough memory to write it", files->name);
         return false;
     }
     for (size_t c = 0; c < 3; ++c)
@@ -478,7 +478,7 @@ bool frame_aov_picture(const frame_files *files, const sgs_frame *frame, int k, 
     const bool ready = make_regions(files, frame, 1U << k, &made);
     const bool drawn = ready && draw_row(files, frame, &made, k, image);
     if (ready && !drawn)
-        fail_run("%s: no memory to write it", files->name);
+        fail_run("%s: not enough memory to write it", files->name);
     free_planes(&made);
     return drawn;
 }

@@ -35,7 +35,7 @@ static bool spares(const char *folder, const char *stem, const char *input)
         format_text("%s/%.*s%s", folder, (int)(base_name(stem) - stem), stem, base_name(input));
     const bool same = same_file(path, input);
     if (same)
-        fail_run("%s: is a photograph or a mask of the scene; choose another folder", path);
+        fail_run("%s: is a photo or a mask of the scene; choose another folder", path);
     free(path);
     return !same;
 }

@@ -27,7 +27,7 @@ static bool fill(const sgs_regions *update, const sgs_gaussians *model, region_m
     map->region = malloc((model->count + 1) * sizeof *map->region);
     map->slack = malloc((model->count + 1) * sizeof *map->slack);
     if (!map->region || !map->slack) {
-        fail_run("no memory for the regions of %zu primitives", model->count);
+        fail_run("not enough memory for the regions of %zu primitives", model->count);
         return false;
     }
     for (size_t i = 0; i < model->count; ++i) {

@@ -39,7 +39,7 @@ bool view_drawer_open(view_drawer *drawer, const view_options *options,
     if (options->reference) {
         drawer->params = exact_params(model);
         if (!drawer->params)
-            fail_run("no memory for %zu primitives in double precision", model->count);
+            fail_run("not enough memory for %zu primitives in double precision", model->count);
         return drawer->params != NULL;
     }
     if (!sgs_renderer_create(model, &drawer->renderer))
@@ -214,7 +214,7 @@ static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera
     bool done = prepare_frame(&drawer->sampled, camera, 0);
     if (done && !light_sum_begin(&sum, camera->width, camera->height,
                                  drawer->drawing->space == SGS_SPACE_LINEAR)) {
-        fail_run("%s: no memory for its samples", name);
+        fail_run("%s: not enough memory for its samples", name);
         done = false;
     }
     if (!done)
@@ -277,7 +277,7 @@ static bool measure(view_drawer *drawer, const camera_list *views, unsigned aovs
     for (size_t i = 0; i < count && aovs && done; ++i) {
         done = preview(drawer, &views->cameras[i * views->count / count], aovs, whole, &frame);
         if (done && !range_samples_add(samples, aovs, &frame)) {
-            fail_run("no memory to measure the ranges of the images");
+            fail_run("not enough memory to measure the ranges of the images");
             done = false;
         }
     }
@@ -314,7 +314,8 @@ static bool prepare_film(view_drawer *drawer, const camera_list *views)
         return true;
     drawer->round = malloc(drawer->frame_bytes * (ranks < views->count ? ranks : views->count));
     if (!drawer->round)
-        fail_run("no memory for a frame of %d x %d from each rank", first->width, first->height);
+        fail_run("not enough memory for a frame of %d x %d from each rank", first->width,
+                 first->height);
     return drawer->round != NULL;
 }
 

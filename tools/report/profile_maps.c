@@ -42,7 +42,7 @@ static bool write_png(const map_files *files, const char *suffix, const float *p
     sgs_image8 image = {0};
     bool written = plane_colored(plane, width, height, range, &image);
     if (!written)
-        fail_run("%s: no memory to write it", path);
+        fail_run("%s: not enough memory to write it", path);
     if (written && sgs_png_write(path, &image)) {
         fail_library();
         written = false;
@@ -63,7 +63,7 @@ static bool write_tiles_png(const map_files *files, const char *suffix, const fl
     const int width = profile->width, height = profile->height;
     float *plane = malloc((size_t)width * (size_t)height * sizeof *plane);
     if (!plane) {
-        fail_run("%s%s: no memory to write it", files->name, suffix);
+        fail_run("%s%s: not enough memory to write it", files->name, suffix);
         return false;
     }
     for (int y = 0; y < height; ++y)

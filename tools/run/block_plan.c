@@ -158,7 +158,7 @@ bool block_plan_is_of(const block_plan *plan, const char *path, const sgs_scene 
     digest_text(scene, digest);
     if (!strcmp(digest, plan->scene))
         return true;
-    fail_run("%s: the plan is of another scene than %s: its cameras or points differ; run 'sparegs "
+    fail_run("%s: the plan does not match the scene %s: cameras or points differ; run 'sparegs "
              "split' again",
              path, scene->path);
     return false;

@@ -2,12 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Photographs and renders as displayed, and as compared by `eval`: composited over the background,
+// Photos and renders as displayed, and as compared by `eval`: composited over the background,
 // display-encoded, 8 bits.
 
 #include "sparegs/scene.h"
 
-// The photograph composited over `background` (both in the photograph's space): three planes
+// The photo composited over `background` (both in the photo's space): three planes
 // [height][width] in one block, to be released with free(). NULL if out of memory.
 float *photo_flatten(const sgs_photo *photo, const float background[3]);
 

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Evaluation. A photograph with alpha is composited over the background with the same quantisation
+// Evaluation. A photo with alpha is composited over the background with the same quantisation
 // as the render. Masked pixels and pixels without a ray are excluded. Linear colours are
 // display-encoded first and clipped at the white point, so that scores refer to the displayed
 // image.
@@ -82,7 +82,7 @@ static float *flatten_photo(const sgs_photo *photo, const float background[3])
 {
     float *planes = photo_flatten(photo, background);
     if (!planes)
-        fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
+        fail_run("not enough memory to compare a photo of %d x %d", photo->width, photo->height);
     return planes;
 }
 
@@ -114,7 +114,7 @@ static bool quantise(const evaluator *evaluation, float *const color[3], int wid
     return false;
 }
 
-// The map of a photograph without a recorded one.
+// The map of a photo without a recorded one.
 static bool fit_exposure(const sgs_frame *frame, const float *transmittance, const sgs_photo *photo,
                          const float background[3], double map[12])
 {
@@ -129,8 +129,8 @@ static bool fit_exposure(const sgs_frame *frame, const float *transmittance, con
     return true;
 }
 
-// Applies the exposure of the photograph to the render and adds the background: behind the map if
-// the photograph has an alpha channel, as in training. *half receives the mask of pixels to
+// Applies the exposure of the photo to the render and adds the background: behind the map if
+// the photo has an alpha channel, as in training. *half receives the mask of pixels to
 // evaluate if the other half was used to fit the exposure.
 static bool expose(const evaluator *evaluation, const sgs_view *view, const sgs_photo *photo,
                    sgs_frame *frame, uint16_t **half)
@@ -148,7 +148,8 @@ static bool expose(const evaluator *evaluation, const sgs_view *view, const sgs_
             return false;
         *half = exposure_right_half(photo->valid_mask, frame->width, frame->height);
         if (!*half) {
-            fail_run("no memory to compare a photo of %d x %d", frame->width, frame->height);
+            fail_run("not enough memory to compare a photo of %d x %d", frame->width,
+                     frame->height);
             return false;
         }
     }
@@ -180,7 +181,7 @@ static bool compare(const evaluator *evaluation, view_images *images, const uint
                           .lpips = NAN};
     const bool lacks_memory = isnan(score->ssim) && !isnan(score->psnr);
     if ((mapped && !images->flip_map) || lacks_memory) {
-        fail_run("no memory to compare a photo of %d x %d", photo->width, photo->height);
+        fail_run("not enough memory to compare a photo of %d x %d", photo->width, photo->height);
         return false;
     }
     if (!sgs_flip(photo, drawn, valid_mask, SGS_FLIP_PIXELS_PER_DEGREE, images->flip_map,
@@ -328,7 +329,7 @@ static bool score_together(const evaluator *evaluation, sgs_split split, const c
     size_t count = 1, next = 0, number = 0;
     bool done = views != NULL;
     if (!done)
-        fail_run("no memory for the views of %d ranks", group_count());
+        fail_run("not enough memory for the views of %d ranks", group_count());
     done = group_all(done);
     while (done && count) {
         if (group_stop_requested())
@@ -352,7 +353,7 @@ static bool share_scores(size_t views, rank_score *scores)
         return true;
     bool done = all != NULL;
     if (!done)
-        fail_run("no memory for the scores of %zu views", views);
+        fail_run("not enough memory for the scores of %zu views", views);
     done = group_all(done) && !sgs_ranks_gather(group_ranks(), SGS_STATUS_OK, scores, bytes, all);
     for (size_t i = 0; i < count * views && done; ++i)
         if (all[i].is_scored)
@@ -379,7 +380,7 @@ bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *s
     rank_score *scores = calloc(scene->view_count + 1, sizeof *scores);
     bool done = scores != NULL, complete = true;
     if (!done)
-        fail_run("no memory for the scores of %zu views", scene->view_count);
+        fail_run("not enough memory for the scores of %zu views", scene->view_count);
     done = group_all(done) && evaluate_views(evaluation, split,
                                              split == SGS_SPLIT_TEST ? "evaluating held-out images"
                                                                      : "evaluating training images",

@@ -3,7 +3,7 @@
 #pragma once
 
 // Image quality by the protocol of the 3DGS papers: each view is rendered, quantised to 8 bits and
-// compared with its photograph (PSNR, SSIM, FLIP, sharpness, LPIPS). Writes no files.
+// compared with its photo (PSNR, SSIM, FLIP, sharpness, LPIPS). Writes no files.
 
 #include <jansson.h>
 
@@ -33,14 +33,14 @@ bool evaluator_open_shared(evaluator *evaluation, const char *path, const sgs_sc
                            const drawing_values *drawing);
 void evaluator_close(evaluator *evaluation);
 
-// Reads the weights of LPIPS from a file (NULL: none) and checks that all photographs of the scene
+// Reads the weights of LPIPS from a file (NULL: none) and checks that all photos of the scene
 // are large enough. False after printing the error.
 bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips);
 
 // The figures of sparegs/metrics.h; FLIP at SGS_FLIP_PIXELS_PER_DEGREE.
 typedef struct view_score {
     double psnr, ssim, flip;
-    double sharpness; // NaN if the photograph is flat
+    double sharpness; // NaN if the photo is flat
     double lpips;     // NaN without weights
 } view_score;
 
@@ -56,13 +56,13 @@ bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score
                    view_images *images);
 void view_images_free(view_images *images);
 
-// PSNR of an image that is identical to its photograph in the mean of a split: the mean of an
+// PSNR of an image that is identical to its photo in the mean of a split: the mean of an
 // infinite value would be infinite.
 #define IDENTICAL_PSNR 100.0
 
 typedef struct split_score {
     size_t images, identical; // identical images are among `images`
-    size_t sharp_images;      // images whose photograph is not flat
+    size_t sharp_images;      // images whose photo is not flat
     view_score mean;          // sharpness: over sharp_images
 } split_score;
 

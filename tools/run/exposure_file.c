@@ -87,7 +87,7 @@ bool exposure_of_model(const model_path *located, json_t **exposures)
 void exposure_warn_finetune(const char *path, const json_t *config)
 {
     if (json_is_true(config_option(config, "exposure")))
-        print_warning("%s: trained with --exposure; fine-tuning compares with the photographs "
+        print_warning("%s: trained with --exposure; fine-tuning compares with the photos "
                       "without exposure compensation",
                       path);
 }

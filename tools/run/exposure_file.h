@@ -30,7 +30,7 @@ void exposure_warn_finetune(const char *path, const json_t *config);
 // The map of an image. False if there is none.
 bool exposure_find(const json_t *exposures, const char *name, double map[12]);
 
-// Fits the map from render to photograph by least squares over their left halves. Planes as in
+// Fits the map from render to photo by least squares over their left halves. Planes as in
 // sgs_frame, valid_mask as in sgs_photo. The identity if there are too few pixels. With
 // `transmittance`, both are over black and the offset of the map is multiplied by the opacity of
 // the render; NULL: they are opaque.

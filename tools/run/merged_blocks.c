@@ -80,7 +80,7 @@ static bool has_common_start(const merged_blocks *merged, size_t block)
                  *own = json_object_get(merged->configs[block], "init_hash");
     if (!first || !own || json_equal(first, own))
         return true;
-    fail_run("%s/block_%zu: started from another model than %s/block_0; train one of them again, "
+    fail_run("%s/block_%zu: initial model differs from that of %s/block_0; retrain one of them "
              "with the --init of the other and --overwrite",
              merged->folder, block, merged->folder);
     return false;
@@ -95,14 +95,14 @@ static bool check_block(merged_blocks *merged, size_t block)
     const json_t *record = json_object_get(config, "block");
     const char *scene = json_string_value(json_object_get(record, "scene_hash"));
     if (!scene || strcmp(scene, merged->plan.scene) != 0) {
-        fail_run("%s/block_%zu: was trained on another scene than that of %s", merged->folder,
+        fail_run("%s/block_%zu: was trained on a scene other than that of %s", merged->folder,
                  block, merged->plan_path);
         return false;
     }
     if (json_integer_value(json_object_get(record, "index")) != (json_int_t)block ||
         !has_region(config, &merged->plan.boxes[block])) {
-        fail_run("%s/block_%zu: was trained with another box than that of block %zu in %s",
-                 merged->folder, block, block, merged->plan_path);
+        fail_run("%s/block_%zu: its box differs from that of block %zu in %s", merged->folder,
+                 block, block, merged->plan_path);
         return false;
     }
     json_t *summary = read_block_file(merged, block, "summary.json");

@@ -17,7 +17,7 @@ static bool drop_floaters(const sgs_floater_options *options, const sgs_gaussian
     bool done =
         connected && !sgs_gaussians_create(model->count, &kept) && !sgs_gaussians_copy(kept, model);
     if (!done)
-        fail_run("no memory to filter %zu primitives", model->count);
+        fail_run("not enough memory to filter %zu primitives", model->count);
     if (done) {
         sgs_selection_apply(kept, keep);
         memset(connected, 1, kept->count);

@@ -34,7 +34,7 @@ static char *describe(const rank_work *work)
     }
     free(program);
     if ((!out || fclose(out)) && done) {
-        fail_run("no memory to compare the ranks");
+        fail_run("not enough memory to compare the ranks");
         done = false;
     }
     if (done)
@@ -61,7 +61,7 @@ static bool write_object(FILE *out, const char *what, const json_t *object)
     size_t k = 0;
     bool done = names != NULL;
     if (!done)
-        fail_run("no memory to compare the ranks");
+        fail_run("not enough memory to compare the ranks");
     for (void *at = json_object_iter((json_t *)object); at && done;
          at = json_object_iter_next((json_t *)object, at))
         names[k++] = json_object_iter_key(at);

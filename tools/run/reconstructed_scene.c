@@ -111,7 +111,7 @@ static bool check_model(const char *folder, const json_t *known)
     return good;
 }
 
-// Sets *same if SCENE/images is the folder of the photographs.
+// Sets *same if SCENE/images is the folder of the photos.
 static bool check_images(const char *path, const char *photos, bool *same)
 {
     char *real = realpath(path, NULL);
@@ -119,7 +119,7 @@ static bool check_images(const char *path, const char *photos, bool *same)
     *same = real && !strcmp(real, photos);
     free(real);
     return *same || lstat(path, &info) || S_ISLNK(info.st_mode) ||
-           refuse(path, "is not a link to photographs");
+           refuse(path, "is not a link to photos");
 }
 
 bool reconstructed_scene_check(const char *scene, const char *photos, const json_t *known)
@@ -223,7 +223,7 @@ bool reconstructed_images_link(const char *scene, const char *photos)
     char *staged = format_text("%s.tmp.%ld", path, (long)getpid());
     bool same, done = check_images(path, photos, &same);
     if (done && !same && (symlink(photos, staged) || rename(staged, path))) {
-        fail_run("%s: cannot become a link to %s: %s", path, photos, strerror(errno));
+        fail_run("%s: cannot create a symbolic link to %s: %s", path, photos, strerror(errno));
         unlink(staged);
         done = false;
     }

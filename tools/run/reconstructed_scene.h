@@ -20,5 +20,5 @@ char *reconstructed_model_digest(const char *folder);
 // Copies the binary model in the folder `from` to sparse/0, which is replaced as a whole.
 bool reconstructed_model_keep(const char *scene, const char *from);
 
-// Makes images a link to the photographs, unless it is their folder.
+// Makes images a link to the photos, unless it is their folder.
 bool reconstructed_images_link(const char *scene, const char *photos);

@@ -48,10 +48,10 @@ static char *lock_path(const run_folder *folder)
 static bool has_lock(const run_folder *folder, lock_result result, int code)
 {
     if (result == LOCK_BUSY)
-        fail_run("%s: in use by another training; wait until it ends or choose another folder",
+        fail_run("%s: in use by another run; wait until it ends or choose another folder",
                  folder->path);
     else if (result == LOCK_FAILED)
-        print_warning("%s: cannot lock the folder against a second training: %s", folder->path,
+        print_warning("%s: cannot lock the folder against a second run: %s", folder->path,
                       strerror(code));
     return result != LOCK_BUSY;
 }

@@ -16,7 +16,7 @@
 // cannot be recorded; the list is then omitted, and the options define the split.
 void run_record_split(json_t *config, const sgs_scene *scene);
 
-// Adds the settings that follow from the options and the photographs as "milestones".
+// Adds the settings that follow from the options and the photos as "milestones".
 void run_record_milestones(json_t *config, const sgs_trainer *trainer);
 
 // True if the scene still has every held-out image of the config, or the config has no list.

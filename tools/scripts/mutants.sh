@@ -42,7 +42,7 @@ tangential_distortion | test_camera | (y\[1\] = v \* g \+ )2 \* l->p2 \* u \* v 
 ssim_c2_of_the_loss | test_loss | vf_add\(variances, border\), vf_set1\(9e-4f\) | vf_add(variances, border), vf_set1(3e-4f)
 ssim_c2_of_the_metric | test_metrics | c1 = 1e-4, c2 = 9e-4 | c1 = 1e-4, c2 = 3e-4
 flip_knee | test_flip | knee = 0\.4 \* job | knee = 0.5 * job
-sharpness_of_the_photograph | test_flip | energy\[0\] / energy\[1\] | energy[1] / energy[0]
+sharpness_of_the_photo | test_flip | energy\[0\] / energy\[1\] | energy[1] / energy[0]
 lpips_without_the_length | test_lpips | 1\.0 / \(sqrt\(scale\[k\]\[i\]\) \+ 1e-10\) | 1.0
 flip_of_masked_pixels | cli_metrics | sgs_flip\(photo, drawn, valid_mask, | sgs_flip(photo, drawn, NULL,
 sh_band_3_sign | test_tracer|test_reference | (basis\[14\] = vf_mul\(vf_mul\(vf_set1\()-0\.59 | ${1}0.59

@@ -14,8 +14,8 @@ const camera = viewer.camera = {
   position: [0, 0, 0], right: [1, 0, 0], up: [0, 1, 0], back: [0, 0, 1],
   fov: 50,     // vertical, degrees
   target: [0, 0, -1], // of the orbit
-  view: -1,    // exactly this photograph's camera
-  lens: -1,    // the lens of this photograph, -1: a pinhole
+  view: -1,    // exactly this photo's camera
+  lens: -1,    // the lens of this photo, -1: a pinhole
   type: 'perspective',
 };
 let worldUp = [0, -1, 0];
@@ -43,12 +43,12 @@ function matrix(of = camera) {
   return [r[0], u[0], b[0], p[0], r[1], u[1], b[1], p[1], r[2], u[2], b[2], p[2], 0, 0, 0, 1];
 }
 
-// The user moved the camera: it is no photograph's any more.
+// The user moved the camera: it is no photo's any more.
 function moved() {
   camera.view = -1;
   orthonormalise();
   requestPicture(true);
-  photographLeft();
+  photoLeft();
 }
 
 function turn(axis, angle, center) {
@@ -146,7 +146,7 @@ function goToView(index) {
 function goHome() {
   const hello = viewer.hello;
   if (hello.views.length) {
-    choosePhotograph(0);
+    choosePhoto(0);
     return;
   }
   const up = unit(worldUp);
@@ -174,7 +174,7 @@ function pictureSize() {
   if (choice.includes('x')) [width, height] = choice.split('x').map(Number);
   if (choice === 'photo' && view) {
     [width, height] = [view.width, view.height];
-  } else if (camera.view >= 0) { // the photograph lies over the picture
+  } else if (camera.view >= 0) { // the photo lies over the picture
     const scale = Math.min(width / view.width, height / view.height);
     [width, height] = [Math.max(1, Math.round(view.width * scale)), Math.max(1, Math.round(view.height * scale))];
   }

@@ -135,15 +135,15 @@ function drawOverlay() {
 }
 const drawMore = []; // further drawings over the picture
 
-// ---- Photographs ----
+// ---- Photos ----
 
 // The number of the model keeps the browser from showing those of the model before.
-function photographAddress(kind, index) {
+function photoAddress(kind, index) {
   return `/${kind}/${index}?model=${viewer.models}`;
 }
 
 let photoReady = false;
-function photographLeft() {
+function photoLeft() {
   byId('split').hidden = photo.hidden = true;
   photoReady = false;
   chosen = null;
@@ -173,8 +173,8 @@ function drawDifference(context) {
   context.putImageData(a, 0, 0);
 }
 
-function choosePhotograph(index) {
-  photographLeft();
+function choosePhoto(index) {
+  photoLeft();
   goToView(index);
   const view = viewer.hello.views[index];
   const button = document.querySelectorAll('#photos button')[index];
@@ -184,9 +184,9 @@ function choosePhotograph(index) {
   showFov();
   if (!view.photo) return;
   photo.onload = () => { photoReady = true; compareAgain(); };
-  photo.onerror = () => showMessage('Error: the photograph ' + view.name + ' cannot be loaded');
-  photo.alt = 'Photograph ' + view.name;
-  photo.src = photographAddress('photo', index);
+  photo.onerror = () => showMessage('Error: the photo ' + view.name + ' cannot be loaded');
+  photo.alt = 'Photo ' + view.name;
+  photo.src = photoAddress('photo', index);
 }
 
 // ---- Values under the cursor ----

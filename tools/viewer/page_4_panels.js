@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The controls of quantity, camera, photographs, pixel and region.
+// The controls of quantity, camera, photos, pixel and region.
 
 function showFov() {
   byId('fovText').textContent = number(camera.fov, 3) + '°';
@@ -73,7 +73,7 @@ byId('home').onclick = goHome;
 byId('level').onclick = levelHorizon;
 byId('frusta').onchange = drawOverlay;
 byId('compare').onchange = () => {
-  if (byId('compare').value !== 'render' && camera.view < 0) showMessage('Choose a photograph from the list to compare with it.');
+  if (byId('compare').value !== 'render' && camera.view < 0) showMessage('Choose a photo from the list to compare with it.');
   compareAgain();
 };
 byId('split').oninput = compareAgain;
@@ -85,7 +85,7 @@ byId('fold').onclick = () => {
   requestPicture(false);
 };
 
-function listPhotographs(views) {
+function listPhotos(views) {
   const list = byId('photos');
   list.replaceChildren();
   views.forEach((view, index) => {
@@ -97,10 +97,10 @@ function listPhotographs(views) {
       const image = element('img', null, button);
       image.loading = 'lazy';
       image.alt = '';
-      image.src = photographAddress('thumb', index);
+      image.src = photoAddress('thumb', index);
     }
     element('span', (view.test ? '◇ ' : '') + view.name, button);
-    button.onclick = () => choosePhotograph(index);
+    button.onclick = () => choosePhoto(index);
   });
 }
 

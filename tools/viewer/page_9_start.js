@@ -20,7 +20,7 @@ function reset() {
   Object.assign(camera, {view: -1, lens: -1, fov: 50});
   byId('fov').value = camera.fov;
   byId('lens').value = '-1';
-  photographLeft();
+  photoLeft();
   photo.removeAttribute('src');
   resetCrop();
   for (const name of ['frame', 'probe', 'ray', 'region', 'history', 'progress']) viewer[name] = null;
@@ -42,7 +42,7 @@ onMessage('hello', (hello) => {
   fillSelect(byId('lens'), [['-1', 'pinhole'], ...hello.views.map((view, index) => [String(index), `${view.name} (${view.lens})`])]);
   drawRamp(hello.ramp);
   setUp();
-  listPhotographs(hello.views);
+  listPhotos(hello.views);
   byId('photosBox').hidden = !hello.views.length;
   for (const id of ['compare', 'gain']) byId(id).disabled = !hello.views.some((view) => view.photo);
   byId('regionBox').hidden = !hello.aovs.some((aov) => aov.name === 'region');

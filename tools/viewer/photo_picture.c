@@ -15,7 +15,7 @@ static int scaled(int length, int side, int longer)
     return reduced > 0 ? reduced : 1;
 }
 
-// The photograph as it is displayed, at most `side` pixels wide and high.
+// The photo as it is displayed, at most `side` pixels wide and high.
 static bool read_displayed(const sgs_scene *scene, size_t index, const float background[3],
                            int side, sgs_image8 *out)
 {

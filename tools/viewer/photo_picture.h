@@ -2,16 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Photographs as image files for the page.
+// Photos as image files for the page.
 
 #include "sparegs/scene.h"
 #include "viewer/frame_encoder.h"
 
-// A thumbnail is a JPEG file; a whole photograph a PNG file, because differences from renders are
+// A thumbnail is a JPEG file; a whole photo a PNG file, because differences from renders are
 // shown many times enlarged.
 typedef enum photo_use { PHOTO_THUMBNAIL, PHOTO_WHOLE } photo_use;
 
-// The photograph of a view as `eval` compares it with renders: in the space of the scene,
+// The photo of a view as `eval` compares it with renders: in the space of the scene,
 // composited over `background` (in that space), display-encoded. At the size of the view's camera,
 // reduced to at most 160 pixels wide and high (thumbnail) or 4096. Reads the image file: another
 // thread may use the scene. False if it cannot be read.

@@ -164,7 +164,7 @@ training_view *training_view_open(const training_view_options *options, const sg
 {
     training_view *view = calloc(1, sizeof *view);
     if (!view) {
-        fail_run("no memory for the viewer");
+        fail_run("not enough memory for the viewer");
         return NULL;
     }
     pthread_mutex_init(&view->lock, NULL);

@@ -173,7 +173,7 @@ typedef struct photo_job {
     encoded_picture picture;
 } photo_job;
 
-// One at a time: a large photograph takes some hundred MB while it is decoded.
+// One at a time: a large photo takes some hundred MB while it is decoded.
 static bool make_photo(void *context)
 {
     static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER;
@@ -191,12 +191,12 @@ static int send_photo(const view_server *server, struct mg_connection *connectio
 {
     const sgs_scene *scene = server->options.source->scene;
     if (!scene || index < 0 || (size_t)index >= scene->view_count)
-        return send_status(connection, 404, "no such photograph");
+        return send_status(connection, 404, "no such photo");
     photo_job job = {.source = server->options.source, .index = (size_t)index, .use = use};
     async_task task = {0};
     async_task_start(&task, true, make_photo, &job);
     if (!async_task_wait(&task))
-        return send_status(connection, 404, "the photograph cannot be read");
+        return send_status(connection, 404, "the photo cannot be read");
     mg_printf(connection, "HTTP/1.1 200 OK\r\n%sContent-Type: %s\r\nContent-Length: %zu\r\n\r\n",
               common_headers, photo_media_type(use), job.picture.size);
     mg_write(connection, job.picture.bytes, job.picture.size);

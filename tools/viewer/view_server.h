@@ -3,7 +3,7 @@
 #pragma once
 
 // The HTTP and WebSocket server (CivetWeb). It serves the page at /, WebSockets at /stream, and the
-// photographs of the scene by number at /photo/N and /thumb/N; nothing else, and no file by name.
+// photos of the scene by number at /photo/N and /thumb/N; nothing else, and no file by name.
 // Every request is checked by access_check.
 
 #include "viewer/access_check.h"

@@ -16,7 +16,7 @@ static bool list_views(const sgs_scene *scene, camera_list *list)
 {
     list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
     if (!list->cameras) {
-        fail_run("no memory for %zu views", scene->view_count);
+        fail_run("not enough memory for %zu views", scene->view_count);
         return false;
     }
     for (size_t i = 0; i < scene->view_count; ++i)

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the viewer shows: a model, stored or copied from a training, its cameras and photographs,
+// What the viewer shows: a model, stored or copied from a training, its cameras and photos,
 // and the records of its run.
 //
 // Threads: the drawing thread holds `lock` while it uses model, renderer and regions. A training

@@ -120,7 +120,8 @@ void spare_equilibrium_disturb(spare_equilibrium *state, spare_view_fit *fits, s
 void spare_equilibrium_observe(spare_equilibrium *state, spare_view_fit *fits, size_t view,
                                long iteration, double loss);
 // Evaluates Eq. 26 at a check and begins the next interval; `interval`: Delta t in iterations,
-// `count`: primitives now. Has no effect if this interval has fewer losses than there are views.
-// Returns true when training may stop.
+// `count`: primitives now, > 0. Has no effect if this interval has fewer losses than there are
+// views. Compares nothing without a count of an earlier check (previous_count, which the caller may
+// set while nothing is observed). Returns true when training may stop.
 bool spare_equilibrium_check(spare_equilibrium *state, spare_view_fit *fits, size_t views,
                              long interval, size_t count, const spare_tolerance *tolerance);

@@ -16,14 +16,15 @@
 // therefore measure which views came last. Each view is compared with itself instead: the model is
 //   ln L_v(t) = c_v - lambda t
 // with one constant per view and one common slope, fitted by least squares to the last two
-// intervals between checks,
+// intervals between checks (to one, if it has two losses per view and follows a disturbance),
 //   lambda = - sum_v S_ty / sum_v S_tt,   Delta L = 1 - exp(-lambda Delta t),
 // where S_ty and S_tt are sums of products of deviations from the means of the view. The residuals
 // give the standard error of Delta L. Its upper confidence bound has to stay below eps_L:
 //   0 <= Delta L   and   Delta L + 2 error < eps_L.
 //
 // An interval ends at a check, but not before it holds as many iterations as there are views. The
-// fit restarts after a structural update, an opacity reset or a change of the image size.
+// fit restarts after a structural update, an opacity reset or a change of the image size. N is
+// compared with the check before, also across such a disturbance.
 
 #include <math.h>
 #include <string.h>
@@ -102,8 +103,9 @@ bool spare_equilibrium_check(spare_equilibrium *state, spare_view_fit *fits, siz
     if (state->observed[0] < views || !views)
         return false;
     bool holds = false;
-    if (state->observed[1] && fit_loss(state, fits, views, (double)interval)) {
-        const double before = (double)state->previous_count;
+    const double before = (double)state->previous_count;
+    const bool enough = state->observed[1] || state->observed[0] >= 2 * views;
+    if (enough && before > 0.0 && fit_loss(state, fits, views, (double)interval)) {
         state->last_count_change =
             state->previous_count == count ? 0.0 : (double)count / before - 1;
         holds = state->last_loss_change >= -ROUNDING &&

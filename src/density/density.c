@@ -404,8 +404,8 @@ static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipe
     sgs_status status = pipeline->decide(options, columns, result);
     if (!status)
         status = sgsi_limit_removal(options, columns);
-    if (!status && options->max_count)
-        status = sgsi_limit_growth(columns, statistics, options->max_count);
+    if (!status)
+        status = sgsi_limit_growth(options, columns, statistics);
     if (!status && regions.region_count)
         status = report_regions(columns, &regions, options, result);
     return status ? status : make_plan(columns, rows->fixed, result, plan);

@@ -52,6 +52,7 @@ typedef struct sgsi_density_options {
     uint64_t seed;       // of the split children, mixed with `iteration`
     long iteration;
     bool spare_densify, spare_prune;   // BMD, RAP
+    bool opacity_is_reset;             // in the update before this one: no replacement at the cap
     const struct spare_options *spare; // for these two; NULL without them
 } sgsi_density_options;
 

@@ -120,11 +120,13 @@ static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics
     return status;
 }
 
-sgs_status sgsi_limit_growth(sgsi_density_columns *columns, const sgsi_statistics *statistics,
-                             size_t cap)
+sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_columns *columns,
+                             const sgsi_statistics *statistics)
 {
-    const size_t n = columns->count;
+    const size_t n = columns->count, cap = options->max_count;
     size_t wanted = 0, made = 0, survivors = 0;
+    if (!cap)
+        return SGS_STATUS_OK;
     drop_empty_growth(columns);
     for (size_t i = 0; i < n; ++i) {
         wanted += columns->action[i] != SGSI_ACTION_KEEP;
@@ -133,7 +135,8 @@ sgs_status sgsi_limit_growth(sgsi_density_columns *columns, const sgsi_statistic
     size_t room = survivors < cap ? cap - survivors : 0;
     if (wanted <= room)
         return SGS_STATUS_OK;
-    const size_t lacking = wanted - room, most = (size_t)(REPLACED_SHARE * (double)cap);
+    const size_t lacking = wanted - room,
+                 most = options->opacity_is_reset ? 0 : (size_t)(REPLACED_SHARE * (double)cap);
     sgs_status status = make_room(columns, statistics, lacking < most ? lacking : most, &made);
     room += made;
     if (status || wanted <= room)

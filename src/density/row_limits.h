@@ -12,8 +12,9 @@
 // growth depends on the removed rows calls it before; a second call changes nothing.
 sgs_status sgsi_limit_removal(const sgsi_density_options *options, sgsi_density_columns *columns);
 
-// Keeps the densifications of highest priority, so that at most `cap` rows remain. Rows of low
-// opacity are replaced by them, up to a tenth of the cap per update and besides the rows removed
-// before, so that growth continues at the cap.
-sgs_status sgsi_limit_growth(sgsi_density_columns *columns, const sgsi_statistics *statistics,
-                             size_t cap);
+// Keeps the densifications of highest priority, so that at most options->max_count rows remain
+// (0: no limit). Rows of low opacity are replaced by them, up to a tenth of the maximum per update
+// and besides the rows removed before, so that growth continues at the cap. Not after an opacity
+// reset (options->opacity_is_reset), when all rows have a low opacity.
+sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_columns *columns,
+                             const sgsi_statistics *statistics);

@@ -19,29 +19,39 @@ static void describe_equilibrium(sgs_trainer *trainer)
         100.0 * e->last_loss_error, 100.0 * e->last_count_change, trainer->options.spare_patience);
 }
 
-sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, size_t view, double loss)
+// Checks begin after densification. An update that is due at this iteration is applied before the
+// next one, so the run does not end before it.
+static bool is_at_equilibrium(sgs_trainer *trainer, size_t view, double loss)
 {
     sgsi_progress *progress = &trainer->progress;
     const sgs_train_options *o = &trainer->options;
-    const int iteration = progress->iteration;
-    const size_t views = trainer->views.count;
+    const sgsi_schedule *schedule = &trainer->schedule;
+    const int iteration = progress->iteration, interval = schedule->check_interval;
+    const size_t views = trainer->views.count, count = sgsi_trainer_trained(trainer);
+    if (iteration <= schedule->densify_until || sgsi_schedule_is_annealing(schedule, iteration)) {
+        if (iteration % interval == 0)
+            progress->equilibrium.previous_count = count;
+        return false;
+    }
+    if (progress->disturbed)
+        spare_equilibrium_disturb(&progress->equilibrium, trainer->view_fits, views);
+    progress->disturbed = 0;
+    spare_equilibrium_observe(&progress->equilibrium, trainer->view_fits, view, iteration, loss);
+    const spare_tolerance tolerance = {o->spare_eps_loss, o->spare_eps_count, o->spare_patience};
+    return iteration % interval == 0 &&
+           spare_equilibrium_check(&progress->equilibrium, trainer->view_fits, views, interval,
+                                   count, &tolerance) &&
+           !sgsi_schedule_is_update(schedule, iteration);
+}
+
+sgs_stop_reason sgsi_trainer_decide_stop(sgs_trainer *trainer, size_t view, double loss)
+{
+    const sgs_train_options *o = &trainer->options;
+    const int iteration = trainer->progress.iteration;
     if (o->spare & SGS_SPARE_EDT && iteration < o->iterations &&
-        iteration > trainer->schedule.densify_until &&
-        !sgsi_schedule_is_annealing(&trainer->schedule, iteration)) {
-        if (progress->disturbed)
-            spare_equilibrium_disturb(&progress->equilibrium, trainer->view_fits, views);
-        progress->disturbed = 0;
-        spare_equilibrium_observe(&progress->equilibrium, trainer->view_fits, view, iteration,
-                                  loss);
-        const spare_tolerance tolerance = {o->spare_eps_loss, o->spare_eps_count,
-                                           o->spare_patience};
-        const int interval = trainer->schedule.check_interval;
-        if (iteration % interval == 0 &&
-            spare_equilibrium_check(&progress->equilibrium, trainer->view_fits, views, interval,
-                                    sgsi_trainer_trained(trainer), &tolerance)) {
-            describe_equilibrium(trainer);
-            return SGS_STOP_EQUILIBRIUM;
-        }
+        is_at_equilibrium(trainer, view, loss)) {
+        describe_equilibrium(trainer);
+        return SGS_STOP_EQUILIBRIUM;
     }
     if (iteration < o->iterations)
         return SGS_STOP_NONE;

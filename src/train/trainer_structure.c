@@ -147,6 +147,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
         .iteration = iteration,
         .spare_densify = (o->spare & SGS_SPARE_BMD) && regulates,
         .spare_prune = (o->spare & SGS_SPARE_RAP) && !rests && regulates,
+        .opacity_is_reset = rests,
         .spare = spare};
 }
 

@@ -298,13 +298,15 @@ static void rows_grow_by_their_share_of_absolute_gradients(void **state)
 }
 
 // At the cap, rows of an opacity below 0.4 that do not grow make room for growth: those of least
-// opacity times squared radius, at most 10 % of the cap per update.
+// opacity times squared radius, at most 10 % of the cap per update. After a reset, when the opacity
+// of all rows is low, none is replaced.
 static void growth_continues_at_the_cap_by_replacing_rows_of_low_opacity(void **state)
 {
     (void)state;
-    for (size_t growing = 3; growing <= 30; growing += 27) {
+    for (size_t growing = 3; growing <= 57; growing += 27) {
         fixture f = make(100);
         f.options.max_count = 100;
+        f.options.opacity_is_reset = growing == 57;
         for (size_t i = 0; i < 100; ++i) {
             f.statistics.radius_max[i] = (float)(100 - i);
             *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) =
@@ -312,7 +314,7 @@ static void growth_continues_at_the_cap_by_replacing_rows_of_low_opacity(void **
             f.statistics.gradient_sum[i] = i >= 100 - growing ? 1e-3f + 1e-5f * (float)i : 0.0f;
         }
         update(&f);
-        const size_t replaced = growing < 10 ? growing : 10;
+        const size_t replaced = growing == 57 ? 0 : growing < 10 ? growing : 10;
         assert_int_equal(f.model->count, 100);
         assert_int_equal(f.result.cloned, replaced);
         assert_int_equal(f.result.pruned, replaced);

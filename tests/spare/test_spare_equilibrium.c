@@ -100,7 +100,7 @@ static void equilibrium_starts_again_when_moving(void **state)
     assert_false(interval(r, 1e-4, 1250, &count));
 }
 
-// After a disturbance the next check compares nothing.
+// After a disturbance a fit requires two losses per view; the count is compared with that before.
 static void disturbances_and_short_intervals_wait(void **state)
 {
     (void)state;
@@ -109,10 +109,22 @@ static void disturbances_and_short_intervals_wait(void **state)
     interval(r, 1e-4, 1000, &defaults);
     assert_int_equal(r->state.held, 1);
     spare_equilibrium_disturb(&r->state, r->fits, VIEWS);
-    assert_false(interval(r, 1e-4, 1000, &defaults));
     assert_int_equal(r->state.held, 0);
     assert_false(interval(r, 1e-4, 1000, &defaults));
+    assert_int_equal(r->state.held, 1);
     assert_true(interval(r, 1e-4, 1000, &defaults));
+    spare_equilibrium_disturb(&r->state, r->fits, VIEWS);
+    assert_false(interval(r, 1e-4, 950, &defaults)); // the update removed 5 %
+    assert_true(fabs(r->state.last_count_change + 0.05) < 1e-12);
+    assert_int_equal(r->state.held, 0);
+    const spare_tolerance wide = {.loss = 0.008, .count = 0.06, .patience = 1};
+    spare_equilibrium_disturb(&r->state, r->fits, VIEWS);
+    assert_true(interval(r, 1e-4, 900, &wide));
+    spare_equilibrium_disturb(&r->state, r->fits, VIEWS);
+    for (int k = 0; k < 2 * VIEWS - 1; ++k)
+        spare_equilibrium_observe(&r->state, r->fits, (size_t)(k % VIEWS), k, 0.25);
+    assert_false(spare_equilibrium_check(&r->state, r->fits, VIEWS, 9, 900, &wide));
+    assert_int_equal(r->state.held, 0);
     // Checks every iteration: an interval lasts one pass over the views.
     r = begin();
     int stop = 0;
@@ -152,6 +164,7 @@ static double normal(uint64_t seed, uint64_t *counter)
 static long simulate(uint64_t seed, int views, int length, int checks, double fall, double noise)
 {
     run *r = begin();
+    r->state.previous_count = 1000; // as at the end of densification
     uint64_t counter = 0;
     double levels[MOST_VIEWS] = {0.0};
     int order[MOST_VIEWS] = {0};

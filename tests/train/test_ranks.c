@@ -76,7 +76,7 @@ static int load(void **state)
 {
     (void)state;
     sgs_scene_options options = sgs_scene_options_default();
-    options.downscale = 4;
+    options.downscale = 8;
     if (sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene))
         return 1;
     hdr_scene = make_hdr_scene();

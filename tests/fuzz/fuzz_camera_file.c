@@ -38,7 +38,7 @@ char *format_text(const char *format, ...)
 static bool read_list(const char *path, camera_list *list)
 {
 #ifdef FUZZ_CHAN
-    return chan_file_read(path, 0, 64, 48, list);
+    return chan_file_read(path, 64, 48, list);
 #else
     return camera_file_read(path, 0, list);
 #endif

@@ -63,7 +63,7 @@ void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *c
     *fy *= scale;
 }
 
-static void chan_line(FILE *out, const named_camera *camera, size_t frame)
+static void chan_line(FILE *out, const named_camera *camera)
 {
     double axes[9], center[3], fx, fy, cx, cy;
     graphics_axes(&camera->pose, axes);
@@ -76,8 +76,8 @@ static void chan_line(FILE *out, const named_camera *camera, size_t frame)
     const double x = atan2(-axes[5], level),
                  y = vertical ? atan2(-axes[6], axes[0]) : atan2(axes[2], axes[8]),
                  z = vertical ? 0 : atan2(axes[3], axes[4]);
-    fprintf(out, "%zu\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\n", frame, center[0], center[1],
-            center[2], x * 180 / PI, y * 180 / PI, z * 180 / PI,
+    fprintf(out, "%d\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\n", camera->frame, center[0],
+            center[1], center[2], x * 180 / PI, y * 180 / PI, z * 180 / PI,
             2 * atan2(0.5 * camera->camera.height, fy) * 180 / PI);
 }
 
@@ -85,7 +85,7 @@ static void write_chan(FILE *out, const camera_list *list, double fps)
 {
     (void)fps; // not in this format
     for (size_t i = 0; i < list->count; ++i)
-        chan_line(out, &list->cameras[i], (size_t)list->first + i);
+        chan_line(out, &list->cameras[i]);
 }
 
 // Values of a camera in USD's terms.
@@ -112,7 +112,7 @@ static void usd_samples(FILE *out, const camera_list *list, const char *name, si
         const film values = film_of(&list->cameras[i].camera);
         double value;
         memcpy(&value, (const char *)&values + offset, sizeof value);
-        fprintf(out, "        %zu: %.9g,\n", (size_t)list->first + i, value);
+        fprintf(out, "        %d: %.9g,\n", list->cameras[i].frame, value);
     }
     fputs("    }\n", out);
 }
@@ -121,10 +121,10 @@ static void write_usda(FILE *out, const camera_list *list, double fps)
 {
     fprintf(out,
             "#usda 1.0\n(\n    defaultPrim = \"camera\"\n    startTimeCode = %d\n"
-            "    endTimeCode = %zu\n    timeCodesPerSecond = %.9g\n    framesPerSecond = %.9g\n"
+            "    endTimeCode = %d\n    timeCodesPerSecond = %.9g\n    framesPerSecond = %.9g\n"
             "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n\ndef Camera \"camera\"\n{\n"
             "    token projection = \"perspective\"\n    float2 clippingRange = (0.01, 100000)\n",
-            list->first, (size_t)list->first + list->count - 1, fps, fps);
+            list->cameras[0].frame, list->cameras[list->count - 1].frame, fps, fps);
     usd_samples(out, list, "focalLength", offsetof(film, focal));
     usd_samples(out, list, "horizontalAperture", offsetof(film, width));
     usd_samples(out, list, "verticalAperture", offsetof(film, height));
@@ -136,22 +136,35 @@ static void write_usda(FILE *out, const camera_list *list, double fps)
         graphics_axes(&list->cameras[i].pose, a);
         sgs_pose_center(&list->cameras[i].pose, c);
         fprintf(out,
-                "        %zu: ((%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 0), "
+                "        %d: ((%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 0), "
                 "(%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 1)),\n",
-                (size_t)list->first + i, a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0],
+                list->cameras[i].frame, a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8], c[0],
                 c[1], c[2]);
     }
     fputs("    }\n    uniform token[] xformOpOrder = [\"xformOp:transform\"]\n}\n", out);
 }
 
+static int compare_frames(const void *a, const void *b)
+{
+    const named_camera *x = a, *y = b;
+    return x->frame == y->frame ? strcmp(x->stem, y->stem) : x->frame < y->frame ? -1 : 1;
+}
+
+// `write` gets the cameras sorted by frame.
 static bool write_with(const char *path, const camera_list *list, double fps,
                        void (*write)(FILE *, const camera_list *, double))
 {
     char *text = NULL;
     size_t size;
-    FILE *memory = open_memstream(&text, &size);
-    if (memory)
-        write(memory, list, fps);
+    camera_list sorted = *list;
+    sorted.cameras = malloc(list->count * sizeof *sorted.cameras);
+    FILE *memory = sorted.cameras ? open_memstream(&text, &size) : NULL;
+    if (memory) {
+        memcpy(sorted.cameras, list->cameras, list->count * sizeof *sorted.cameras);
+        qsort(sorted.cameras, sorted.count, sizeof *sorted.cameras, compare_frames);
+        write(memory, &sorted, fps);
+    }
+    free(sorted.cameras);
     if (!memory || fclose(memory)) {
         free(text);
         fail_run("%s: not enough memory for %zu cameras", path, list->count);

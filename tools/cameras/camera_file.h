@@ -16,6 +16,7 @@ typedef struct named_camera {
     char *name, *stem; // stem: see file_stems.h; NULL until assigned
     sgs_camera camera;
     sgs_pose pose;
+    int frame; // its number in .chan and .usda
 } named_camera;
 
 typedef struct camera_list {
@@ -25,6 +26,7 @@ typedef struct camera_list {
     double arc;       // of an orbit that is not a full circle, degrees; else 0
     int first;        // number of the first camera as a frame
     bool is_numbered; // some names contain such a number
+    bool has_frames;  // the cameras have the frame numbers of their file
 } camera_list;
 
 // True for a transforms.json, which sgs_scene_load reads: it has "frames".

@@ -60,8 +60,7 @@ static void read_pose(const double columns[COLUMNS], sgs_pose *pose)
 }
 
 // Returns NULL, or a description of the error.
-static const char *read_camera(const char *line, int width, int height, named_camera *camera,
-                               int *frame)
+static const char *read_camera(const char *line, int width, int height, named_camera *camera)
 {
     double columns[COLUMNS];
     const int count = read_columns(line, columns);
@@ -80,8 +79,8 @@ static const char *read_camera(const char *line, int width, int height, named_ca
         return "has a translation that is out of range";
     if (sgs_camera_validate(&camera->camera))
         return sgs_last_error();
-    *frame = (int)columns[FRAME];
-    camera->name = format_text("frame_%05d", *frame);
+    camera->frame = (int)columns[FRAME];
+    camera->name = format_text("frame_%05d", camera->frame);
     return NULL;
 }
 
@@ -110,10 +109,9 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
         if (!*text || *text == '#')
             continue;
         named_camera camera = {0};
-        int frame = 0;
         const char *problem = strlen(line) == sizeof line - 1
                                   ? "is too long for a line of eight numbers"
-                                  : read_camera(text, width, height, &camera, &frame);
+                                  : read_camera(text, width, height, &camera);
         if (!problem && !grow(list, &capacity)) {
             named_camera_free(&camera);
             problem = "not enough memory for the camera";
@@ -122,7 +120,6 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
             fail_run("%s: line %zu: %s", path, number, problem);
             done = false;
         } else {
-            list->first = list->count ? list->first : frame;
             list->cameras[list->count++] = camera;
         }
     }
@@ -133,9 +130,9 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
     return done;
 }
 
-bool chan_file_read(const char *path, int first, int width, int height, camera_list *list)
+bool chan_file_read(const char *path, int width, int height, camera_list *list)
 {
-    *list = (camera_list){0};
+    *list = (camera_list){.has_frames = true};
     if (width < 1) {
         fail_run("%s: a .chan file has no image size; give it with --size", path);
         return false;
@@ -151,10 +148,7 @@ bool chan_file_read(const char *path, int first, int width, int height, camera_l
         fail_run("%s: contains no cameras", path);
         done = false;
     }
-    if (!done) {
+    if (!done)
         camera_list_free(list);
-        return false;
-    }
-    list->first = first ? first : list->first;
-    return true;
+    return done;
 }

@@ -187,9 +187,8 @@ static bool file_cameras(const camera_choice *choice, camera_list *list)
                is_chan = !is_folder && chan_file_is(choice->file);
     if (is_folder || (!is_chan && camera_file_is_scene(choice->file)))
         return data_set_cameras(choice, list);
-    const int first = choice->first_frame;
-    return (is_chan ? chan_file_read(choice->file, first, choice->width, choice->height, list)
-                    : camera_file_read(choice->file, first, list)) &&
+    return (is_chan ? chan_file_read(choice->file, choice->width, choice->height, list)
+                    : camera_file_read(choice->file, choice->first_frame, list)) &&
            name_files(list) && keep_view(choice->file, choice->view, list);
 }
 
@@ -236,7 +235,10 @@ bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_
         camera_list_free(list);
         return false;
     }
-    for (size_t i = 0; i < list->count; ++i)
-        reshape(choice, &list->cameras[i].camera);
+    for (size_t i = 0; i < list->count; ++i) {
+        named_camera *camera = &list->cameras[i];
+        camera->frame = list->has_frames ? camera->frame : list->first + (int)i;
+        reshape(choice, &camera->camera);
+    }
     return true;
 }

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "cameras/camera_export.h"
+#include "cameras/chan_file.h"
 #include "cameras/render_cameras.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
@@ -139,8 +140,8 @@ static const option render_options[] = {
      .argument = "N",
      .initial = "0",
      .needs = "orbit|spiral|camera|save-cameras=chan|save-cameras=usda",
-     .help = "number of the first frame in the file names of paths and of cameras without a name, "
-             "in cameras.chan and in cameras.usda; --frames counts from 0 regardless"},
+     .help = "number of the first frame in the names of paths and of nameless cameras, in .chan "
+             "and in .usda; not for a .chan input; --frames counts from 0 regardless"},
     {.name = "save-cameras",
      .kind = OPTION_SET,
      .offset = AT(save_cameras),
@@ -687,10 +688,12 @@ static int check_values(const command_line *line, const render_values *values,
                           "example video.mp4",
                           values->film);
     if ((values->orbit > 0 || values->spiral > 0) && (paths > 1 || values->camera))
-        return fail_usage(
-            "--orbit, --spiral, --view, --split and --camera are mutually exclusive; choose one");
+        return fail_usage("--orbit, --spiral, --view, --split and --camera are mutually exclusive; "
+                          "choose one");
     if (choice->split_given && (values->view || values->camera))
         return refuse_idle(line, "split", values->view ? "with --view" : "with --camera");
+    if (values->camera && chan_file_is(values->camera) && option_given(line, "first-frame"))
+        return refuse_idle(line, "first-frame", "on a .chan file, which numbers its frames");
     if (values->view && !values->film && !option_given(line, "save-cameras") && values->fps > 0)
         return refuse_idle(line, "fps", "on --view, a still image");
     if (values->frames && !frame_range_parse(values->frames, &choice->frames))

@@ -29,4 +29,29 @@ run 2 render "$model" --camera "$temporary/twos.chan" --size 16x12 --first-frame
 one_line
 reports "--first-frame has no effect on a .chan file, which numbers its frames"
 
+# chan_angles_are_continuous: pitch beyond straight up, yaw over 180 degrees, roll by more than a full turn
+printf '%s 0 0 0 %s %s %s 50\n' 1 70 150 0 2 80 165 40 3 91 180 80 4 100 195 120 5 110 210 160 6 120 225 200 7 130 240 240 \
+    8 140 255 280 9 150 270 320 10 160 285 360 11 170 300 400 12 180 315 440 >"$temporary/turns.chan"
+run 0 render "$model" --camera "$temporary/turns.chan" --size 8x6 --frames 0 --aov rgba --save-cameras chan -o "$temporary/turns"
+check the_angles_of_the_input awk 'NR == FNR { for (k = 5; k <= 7; ++k) a[$1, k] = $k; next }
+    { for (k = 5; k <= 7; ++k) { d = a[$1, k] - $k; if (!(d * d < 1e-10)) { print $1, k, a[$1, k], $k; bad = 1 } } }
+    END { exit bad || FNR != 12 }' "$temporary/turns.chan" "$temporary/turns/cameras.chan"
+# straight up, only the difference of yaw and roll is defined: the roll stays
+sed 's/^3 .*/3 0 0 0 90 180 80 50/' "$temporary/turns.chan" >"$temporary/pole.chan"
+run 0 render "$model" --camera "$temporary/pole.chan" --size 8x6 --frames 0 --aov rgba --save-cameras chan -o "$temporary/pole"
+check the_roll_stays awk '{ d = $5 - 90; e = $6 - 140; f = $7 - 40 } NR == 3 { exit !(d * d + e * e + f * f < 1e-10) }' \
+    "$temporary/pole/cameras.chan"
+check others_are_as_before test "$(sed 3d "$temporary/pole/cameras.chan")" = "$(sed 3d "$temporary/turns/cameras.chan")"
+# of an orbit of cameras that count y downwards; the first angles are the smallest
+run 0 render "$model" "$room" --orbit 36 --arc 360 --size 8x6 --frames 0 --aov rgba --save-cameras chan -o "$temporary/orbit"
+check steps_of_an_orbit awk 'function off(x) { return x < 0 ? -x : x }
+    NR == 1 && !(off($5) + off($6) + off($7) <= 270) { bad = 1 }
+    NR > 1 && !(off($5 - x) < 20 && off($6 - y) < 20 && off($7 - z) < 20) { print; bad = 1 }
+    { x = $5; y = $6; z = $7 }
+    END { exit bad || NR != 36 }' "$temporary/orbit/cameras.chan"
+# each frame alone, without a neighbour, has the smaller of its two sums, and the same camera
+printf '5 1 2 3 10 170 -175 50\n' >"$temporary/alone.chan"
+run 0 render "$model" --camera "$temporary/alone.chan" --size 8x6 --aov rgba --save-cameras chan,json -o "$temporary/alone"
+check the_smaller_angles awk '{ a = $5 - 170; b = $6 + 10; c = $7 - 5; exit !(a * a + b * b + c * c < 1e-10) }' "$temporary/alone/cameras.chan"
+
 finish

@@ -6,7 +6,8 @@
 // ours look down z with y down: camera y and z change sign.
 //
 // .chan: frame, translation, rotation in degrees (order ZXY: about z first, then x, then y; Nuke's
-// default), vertical field of view in degrees.
+// default), vertical field of view in degrees. Programs interpolate each angle between frames, so
+// the angles of neighbouring frames must not jump by half or full turns.
 //
 // USD: a Camera prim with one time sample per frame. Apertures assume a film back 36 units wide
 // (the width of full-frame film in mm).
@@ -63,29 +64,54 @@ void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *c
     *fy *= scale;
 }
 
-static void chan_line(FILE *out, const named_camera *camera)
+// Moves angles in degrees by full turns to those nearest to `last`. Returns the sum of the
+// distances.
+static double bring_near(const double last[3], double angles[3])
+{
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) {
+        const double step = remainder(angles[k] - last[k], 360);
+        angles[k] = last[k] + step;
+        sum += fabs(step);
+    }
+    return sum;
+}
+
+// Rotation = R_y R_x R_z, of (x, y, z) or (180 - x, y + 180, z + 180) degrees: those nearer to
+// `last`, the angles of the frame before, which are replaced.
+static void chan_angles(const double axes[9], double last[3])
+{
+    const double level = hypot(axes[2], axes[8]), degrees = 180 / PI;
+    double near[3] = {atan2(-axes[5], level) * degrees, atan2(axes[2], axes[8]) * degrees,
+                      atan2(axes[3], axes[4]) * degrees};
+    if (level < 1e-7) { // straight up or down, y and z turn about one axis: z stays
+        near[2] = last[2];
+        near[1] = atan2(-axes[6], axes[0]) * degrees + (axes[5] < 0 ? last[2] : -last[2]);
+    }
+    double other[3] = {180 - near[0], near[1] + 180, near[2] + 180};
+    const bool is_other = bring_near(last, other) < bring_near(last, near);
+    memcpy(last, is_other ? other : near, sizeof near);
+}
+
+// `angles`: of the line before; those of this one are stored there.
+static void chan_line(FILE *out, const named_camera *camera, double angles[3])
 {
     double axes[9], center[3], fx, fy, cx, cy;
     graphics_axes(&camera->pose, axes);
     sgs_pose_center(&camera->pose, center);
     camera_paraxial(&camera->camera, &fx, &fy, &cx, &cy);
-    // Rotation = R_y R_x R_z. A camera that looks straight up or down turns about one axis by y and
-    // z; z is then 0.
-    const double level = hypot(axes[2], axes[8]);
-    const bool vertical = level < 1e-7;
-    const double x = atan2(-axes[5], level),
-                 y = vertical ? atan2(-axes[6], axes[0]) : atan2(axes[2], axes[8]),
-                 z = vertical ? 0 : atan2(axes[3], axes[4]);
+    chan_angles(axes, angles);
     fprintf(out, "%d\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\t%.9g\n", camera->frame, center[0],
-            center[1], center[2], x * 180 / PI, y * 180 / PI, z * 180 / PI,
+            center[1], center[2], angles[0], angles[1], angles[2],
             2 * atan2(0.5 * camera->camera.height, fy) * 180 / PI);
 }
 
 static void write_chan(FILE *out, const camera_list *list, double fps)
 {
-    (void)fps; // not in this format
+    (void)fps;              // not in this format
+    double angles[3] = {0}; // those of the first line are as small as possible
     for (size_t i = 0; i < list->count; ++i)
-        chan_line(out, &list->cameras[i]);
+        chan_line(out, &list->cameras[i], angles);
 }
 
 // Values of a camera in USD's terms.

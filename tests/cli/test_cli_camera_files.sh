@@ -54,4 +54,24 @@ printf '5 1 2 3 10 170 -175 50\n' >"$temporary/alone.chan"
 run 0 render "$model" --camera "$temporary/alone.chan" --size 8x6 --aov rgba --save-cameras chan,json -o "$temporary/alone"
 check the_smaller_angles awk '{ a = $5 - 170; b = $6 + 10; c = $7 - 5; exit !(a * a + b * b + c * c < 1e-10) }' "$temporary/alone/cameras.chan"
 
+# colmap_model FOLDER CAMERA: three views from a distance of 4 around the origin, without photos.
+colmap_model() {
+    mkdir -p "$1/sparse/0"
+    echo "1 $2" >"$1/sparse/0/cameras.txt"
+    for view in '1 0.9961947 0 -0.0871557' '2 1 0 0' '3 0.9961947 0 0.0871557'; do
+        printf '%s 0 0 0 4 1 %s.jpg\n\n' "$view" "${view%% *}"
+    done >"$1/sparse/0/images.txt"
+    printf '%s 9 9 9 0.5\n' '1 0 0 0' '2 1 0 0' '3 0 1 0' '4 0 0 1' >"$1/sparse/0/points3D.txt"
+}
+exr_value() { exrheader "$2" | sed -n "s/^$1 (type [a-z0-9]*): //p"; }
+
+# paths_have_the_focal_length_of_the_view: that of COLMAP's FOV lens on its axis, fx 2 tan(omega / 2) / omega
+colmap_model "$temporary/fov" "FOV 480 270 200 200 240 135 0.9"
+run 0 render "$model" --camera "$temporary/fov" --view 1 --aov rgba -o "$temporary/fov_view"
+check focal_of_the_view test "$(exr_value pinholeFocalLength "$temporary/fov_view/1.exr")" = 16.1018
+for path in orbit spiral; do
+    run 0 render "$model" "$temporary/fov" --$path 3 --frames 1 --aov rgba -o "$temporary/fov_path"
+    check "focal_of_the_$path" test "$(exr_value pinholeFocalLength "$temporary/fov_path/${path}_00001.exr")" = 16.1018
+done
+
 finish

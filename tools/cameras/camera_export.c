@@ -19,6 +19,7 @@
 #include <string.h>
 #include <stdlib.h>
 
+#include "cameras/lens_scale.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
@@ -51,17 +52,6 @@ static bool write_cameras_json(const char *path, const camera_list *list)
     if (!done)
         fail_library();
     return done;
-}
-
-void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
-{
-    sgs_camera_intrinsics(camera, fx, fy, cx, cy);
-    const double omega = camera->model == SGS_CAMERA_FOV ? camera->params[4] : 0;
-    if (fabs(omega) < 1e-6)
-        return;
-    const double scale = 2 * tan(0.5 * omega) / omega; // of atan(2 r tan(omega / 2)) / omega at 0
-    *fx *= scale;
-    *fy *= scale;
 }
 
 // Moves angles in degrees by full turns to those nearest to `last`. Returns the sum of the

@@ -19,10 +19,6 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
 // False for fisheye lenses and panoramas.
 bool camera_is_perspective(const sgs_camera *camera);
 
-// The pinhole with the scale of the lens at the principal point: focal lengths and principal point
-// in pixels. They are those of the lens, except for COLMAP's FOV, whose scale there is not 1.
-void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy);
-
 // The pinhole part of a camera, for files of models. name is borrowed. Returns true if the camera
 // has lens distortion, which is omitted.
 bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose *pose,

@@ -23,6 +23,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cameras/lens_scale.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -307,7 +308,7 @@ static sgs_camera path_lens(const sgs_scene *scene, const path_options *options)
     double fx, fy, cx, cy;
     if (options->keep_lens)
         return *first;
-    sgs_camera_intrinsics(first, &fx, &fy, &cx, &cy);
+    camera_paraxial(first, &fx, &fy, &cx, &cy);
     return (sgs_camera){SGS_CAMERA_PINHOLE,
                         first->width,
                         first->height,

@@ -15,6 +15,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "cameras/lens_scale.h"
 #include "sparegs/image.h"
 
 // Component i of point k: frac(0.5 + k g^-(i + 1)), g^5 = g + 1.
@@ -27,7 +28,7 @@ static double recurrence(int k, int i)
 void lens_sample(int k, double aperture, double focus, sgs_camera *camera, sgs_pose *pose)
 {
     double fx, fy, cx, cy;
-    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    camera_paraxial(camera, &fx, &fy, &cx, &cy);
     const double radius = 0.5 * aperture * sqrt(recurrence(k, 2)),
                  turn = 2 * 3.141592653589793 * recurrence(k, 3);
     const double x = radius * cos(turn), y = radius * sin(turn);

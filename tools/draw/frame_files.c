@@ -28,6 +28,7 @@
 #include <sys/stat.h>
 
 #include "cameras/camera_export.h"
+#include "cameras/lens_scale.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"

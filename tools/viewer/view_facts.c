@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cameras/camera_path.h"
+#include "cameras/lens_scale.h"
 #include "cli/input_file.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
@@ -42,9 +43,11 @@ static json_t *matrix_json(const sgs_pose *pose)
 static json_t *view_json(const named_camera *view, bool is_test, bool has_photo)
 {
     double fx, fy, cx, cy;
+    double axial[4];
     sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
+    camera_paraxial(&view->camera, &axial[0], &axial[1], &axial[2], &axial[3]);
     json_t *name = json_string(view->name);
-    const double fov = 2 * atan(0.5 * view->camera.height / fy) * 180 / 3.141592653589793;
+    const double fov = 2 * atan(0.5 * view->camera.height / axial[1]) * 180 / 3.141592653589793;
     const double intrinsics[4] = {fx, fy, cx, cy};
     const char *lens = sgs_camera_model_name(view->camera.model);
     return json_pack("{s:o,s:i,s:i,s:b,s:b,s:o,s:f,s:o,s:b,s:s,s:o}", "name",

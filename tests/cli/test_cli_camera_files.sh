@@ -74,4 +74,21 @@ for path in orbit spiral; do
     check "focal_of_the_$path" test "$(exr_value pinholeFocalLength "$temporary/fov_path/${path}_00001.exr")" = 16.1018
 done
 
+# paths_keep_the_pixel_aspect_ratio (of an anamorphic lens; calibrations of square pixels differ by less than 1 %,
+# and downscaled images by the rounding of their size)
+colmap_model "$temporary/squeezed" "PINHOLE 480 270 400 200 240 135"
+run 0 render "$model" --camera "$temporary/squeezed" --view 2 --aov rgba -o "$temporary/squeezed_view"
+for path in orbit spiral; do
+    run 0 render "$model" "$temporary/squeezed" --$path 3 --size 96x54 --aov rgba -o "$temporary/squeezed_$path"
+    json "$temporary/squeezed_$path/cameras.json" 'all(.[]; .fx == 80 and .fy == 40)'
+    check "aspect_of_the_$path" test "$(exr_value pixelAspectRatio "$temporary/squeezed_$path/${path}_00001.exr")" = \
+        "$(exr_value pixelAspectRatio "$temporary/squeezed_view/2.exr")"
+done
+colmap_model "$temporary/square" "PINHOLE 480 270 201 200 240 135"
+run 0 render "$model" "$temporary/square" --orbit 3 --frames 1 --aov rgba -o "$temporary/square_orbit"
+json "$temporary/square_orbit/cameras.json" 'all(.[]; .fx == 200 and .fy == 200)'
+colmap_model "$temporary/rounded" "PINHOLE 60 33 28.2 27.6 30 16.5"
+run 0 render "$model" "$temporary/rounded" --orbit 3 --frames 1 --aov rgba -o "$temporary/rounded_orbit"
+json "$temporary/rounded_orbit/cameras.json" 'all(.[]; .fx == .fy)'
+
 finish

@@ -301,7 +301,7 @@ static void look(named_camera *camera, vec eye, vec target, vec up)
 }
 
 // The lens of the path: that of the first view, or a pinhole with its vertical field of view and
-// square pixels, which every camera format can hold.
+// pixel aspect ratio.
 static sgs_camera path_lens(const sgs_scene *scene, const path_options *options)
 {
     const sgs_camera *first = &scene->views[0].camera;
@@ -309,10 +309,11 @@ static sgs_camera path_lens(const sgs_scene *scene, const path_options *options)
     if (options->keep_lens)
         return *first;
     camera_paraxial(first, &fx, &fy, &cx, &cy);
-    return (sgs_camera){SGS_CAMERA_PINHOLE,
-                        first->width,
-                        first->height,
-                        {fy, fy, 0.5 * first->width, 0.5 * first->height}};
+    return (sgs_camera){
+        SGS_CAMERA_PINHOLE,
+        first->width,
+        first->height,
+        {fy / camera_pixel_aspect(first), fy, 0.5 * first->width, 0.5 * first->height}};
 }
 
 // Where a view was taken: its angle around the subject, distance from the axis and height.

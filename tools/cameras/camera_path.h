@@ -12,7 +12,7 @@ typedef struct path_options {
     int first;      // number of the first one, in its name
     double arc;     // of an orbit, degrees up to 360; 0 = the arc that was photographed
     bool keep_lens; // the lens of the first view with its distortion, instead of a pinhole of the
-                    // same focal length
+                    // same focal length and pixel aspect ratio
 } path_options;
 
 // An orbit around the point that the views look at, with the distance and height of the views near

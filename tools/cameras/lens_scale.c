@@ -15,3 +15,11 @@ void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *c
     *fx *= scale;
     *fy *= scale;
 }
+
+double camera_pixel_aspect(const sgs_camera *camera)
+{
+    double fx, fy, cx, cy;
+    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    const double aspect = fy / fx, least = fmax(0.01, 1.0 / fmin(camera->width, camera->height));
+    return camera->model == SGS_CAMERA_EQUIRECTANGULAR || fabs(aspect - 1) <= least ? 1 : aspect;
+}

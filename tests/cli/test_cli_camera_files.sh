@@ -91,4 +91,12 @@ colmap_model "$temporary/rounded" "PINHOLE 60 33 28.2 27.6 30 16.5"
 run 0 render "$model" "$temporary/rounded" --orbit 3 --frames 1 --aov rgba -o "$temporary/rounded_orbit"
 json "$temporary/rounded_orbit/cameras.json" 'all(.[]; .fx == .fy)'
 
+# chan_omits_the_pixel_aspect_ratio
+run 0 render "$model" "$temporary/squeezed" --orbit 3 --size 96x54 --frames 0 --aov rgba --save-cameras chan -o "$temporary/squeezed_chan"
+reports "cameras in chan have square pixels; the width of the pixels of 3 camera(s) is omitted"
+run 0 render "$model" "$temporary/squeezed" --orbit 3 --size 96x54 --frames 0 --aov rgba --save-cameras usda -o "$temporary/squeezed_chan"
+check usda_has_it bash -c "! grep -q warning '$temporary/stderr'"
+run 0 render "$model" "$temporary/square" --orbit 3 --frames 0 --aov rgba --save-cameras chan -o "$temporary/square_chan"
+check square_pixels bash -c "! grep -q warning '$temporary/stderr'"
+
 finish

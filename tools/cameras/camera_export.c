@@ -211,20 +211,26 @@ static void warn_distorted(const char *format, const camera_list *list)
     cameras_warn_distorted(format, count);
 }
 
-// .chan has no film offset.
-static void warn_off_centre(const camera_list *list)
+// .chan has no film offset and no pixel aspect ratio.
+static void warn_intrinsics(const camera_list *list)
 {
-    size_t count = 0;
+    size_t count = 0, oblong = 0;
     for (size_t i = 0; i < list->count; ++i) {
         const sgs_camera *camera = &list->cameras[i].camera;
         double fx, fy, cx, cy;
         sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
         count += fabs(cx - 0.5 * camera->width) > 0.5 || fabs(cy - 0.5 * camera->height) > 0.5;
+        oblong += fabs(1 - fy / fx) * 0.5 * camera->width > 0.5;
     }
     if (count)
         print_warning("cameras in chan have the principal point in the image centre; that of %zu "
                       "camera(s) is moved by more than half a pixel",
                       count);
+    if (oblong)
+        print_warning("cameras in chan have square pixels; the width of the pixels of %zu "
+                      "camera(s) is omitted, which moves the image borders by more than half a "
+                      "pixel",
+                      oblong);
 }
 
 bool camera_is_perspective(const sgs_camera *camera)
@@ -260,7 +266,7 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
         if (format != CAMERAS_JSON)
             warn_distorted(name, list);
         if (format == CAMERAS_CHAN)
-            warn_off_centre(list);
+            warn_intrinsics(list);
         done = format == CAMERAS_JSON
                    ? write_cameras_json(path, list)
                    : write_with(path, list, fps, format == CAMERAS_CHAN ? write_chan : write_usda);

@@ -99,4 +99,18 @@ check usda_has_it bash -c "! grep -q warning '$temporary/stderr'"
 run 0 render "$model" "$temporary/square" --orbit 3 --frames 0 --aov rgba --save-cameras chan -o "$temporary/square_chan"
 check square_pixels bash -c "! grep -q warning '$temporary/stderr'"
 
+# videos_record_the_pixel_aspect_ratio (a replacement for ffmpeg stores its arguments; then the real one, where it is)
+mkdir "$temporary/bin"
+printf '#!/bin/sh\nprintf "%%s\\n" "$@" >%s\nexec cat >/dev/null\n' "$temporary/arguments" >"$temporary/bin/ffmpeg"
+chmod +x "$temporary/bin/ffmpeg"
+filters() { PATH=$temporary/bin:$PATH run 0 render "$model" "$1" --orbit 2 --size 32x18 --video "$temporary/film.$2" &&
+    grep -xA1 -- -vf "$temporary/arguments" | tail -n 1; }
+check aspect_of_mp4 test "$(filters "$temporary/squeezed" mp4 | grep -o 'tv,.*')" = tv,setsar=r=0.5:max=1000
+check aspect_of_avi test "$(filters "$temporary/squeezed" avi | grep -o '2,set.*')" = 2,setsar=r=0.5:max=1000
+check square_pixels bash -c "! grep -q setsar <<<'$(filters "$temporary/square" mp4)'"
+if command -v ffprobe >/dev/null; then
+    run 0 render "$model" "$temporary/squeezed" --orbit 2 --size 32x18 --video "$temporary/real.mp4"
+    check aspect_of_the_video test "$(ffprobe -v error -show_entries stream=sample_aspect_ratio -of csv=p=0 "$temporary/real.mp4")" = 1:2
+fi
+
 finish

@@ -8,7 +8,8 @@
 //
 // ffmpeg converts RGB by the matrix of BT.601 and does not record it, but players take unmarked HD
 // for BT.709. So the frames are converted to BT.709 and marked, where the format permits it: with
-// the matrix and the primaries of BT.709 and the curve of sRGB.
+// the matrix and the primaries of BT.709 and the curve of sRGB. The pixel aspect ratio is recorded
+// if it is not 1, so that players show anamorphic images in their shape.
 
 #include "draw/video.h"
 
@@ -34,6 +35,7 @@ struct video {
     char *temporary; // ffmpeg writes it; it becomes the temporary file of `file`
     char *output;    // its name for ffmpeg: other names with a colon would be protocols
     int width, height;
+    double aspect; // width of a pixel over its height
     pid_t child;
     int pipe;
     bool broken; // ffmpeg does not read any more
@@ -100,7 +102,7 @@ static bool records_colors(const char *path)
 
 static void run_ffmpeg(const video *film, double fps, int input)
 {
-    char size[32], rate[32];
+    char size[32], rate[32], filters[160], shape[48] = "";
     int numerator, denominator;
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     // As recorded in EXR files; fps is at least 0.01, and a camera path may have more than 1e6.
@@ -109,9 +111,11 @@ static void run_ffmpeg(const video *film, double fps, int input)
     else
         snprintf(rate, sizeof rate, "%.6g", fps);
     const bool marked = records_colors(film->file.path);
-    const char *filters =
-                   marked ? EVEN_SIZE ",scale=out_color_matrix=bt709:out_range=tv" : EVEN_SIZE,
-               *primaries = marked ? "bt709" : "unknown",
+    if (film->aspect != 1)
+        snprintf(shape, sizeof shape, ",setsar=r=%.6g:max=1000", film->aspect);
+    snprintf(filters, sizeof filters, "%s%s%s", EVEN_SIZE,
+             marked ? ",scale=out_color_matrix=bt709:out_range=tv" : "", shape);
+    const char *primaries = marked ? "bt709" : "unknown",
                *curve = marked ? "iec61966-2-1" : "unknown";
     // The bytes of x264 depend on its threads, which are by default those of the machine.
     const char *const arguments[] = {"ffmpeg",
@@ -166,7 +170,7 @@ static void free_film(video *film)
     free(film);
 }
 
-video *video_open(const char *path, int width, int height, double fps)
+video *video_open(const char *path, int width, int height, double aspect, double fps)
 {
     int ends[2];
     video *film = calloc(1, sizeof *film);
@@ -182,6 +186,7 @@ video *video_open(const char *path, int width, int height, double fps)
     film->output = format_text("file:%s", film->temporary);
     film->width = width;
     film->height = height;
+    film->aspect = aspect;
     film->frame = malloc(3 * (size_t)width * (size_t)height);
     film->messages = tmpfile();
     if (!film->frame || !film->messages || pipe(ends)) {

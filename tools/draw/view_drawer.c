@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cameras/lens_samples.h"
+#include "cameras/lens_scale.h"
 #include "cli/interrupt.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
@@ -308,6 +309,7 @@ static bool prepare_film(view_drawer *drawer, const camera_list *views)
                  views->cameras[i].name, camera->width, camera->height);
         return false;
     }
+    drawer->film_aspect = camera_pixel_aspect(first);
     drawer->frame_bytes = 3 * (size_t)first->width * (size_t)first->height;
     const size_t ranks = (size_t)group_count();
     if (!group_ranks() || !group_leads())
@@ -378,8 +380,8 @@ static bool open_film(view_drawer *drawer)
 {
     const sgs_frame *frame = drawer->finished;
     if (!drawer->film)
-        drawer->film =
-            video_open(drawer->options->film, frame->width, frame->height, drawer->options->fps);
+        drawer->film = video_open(drawer->options->film, frame->width, frame->height,
+                                  drawer->film_aspect, drawer->options->fps);
     return drawer->film != NULL;
 }
 

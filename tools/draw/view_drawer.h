@@ -46,6 +46,7 @@ typedef struct view_drawer {
     sgs_frame *finished; // the frame being written
     async_task writing;
     video *film;
+    double film_aspect;   // of its pixels, width over height
     size_t frame_bytes;   // of a frame of the video
     unsigned char *round; // rank 0: [round_views][frame_bytes], the frames of the ranks
     size_t round_views;

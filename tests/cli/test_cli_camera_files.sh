@@ -113,4 +113,32 @@ if command -v ffprobe >/dev/null; then
     check aspect_of_the_video test "$(ffprobe -v error -show_entries stream=sample_aspect_ratio -of csv=p=0 "$temporary/real.mp4")" = 1:2
 fi
 
+# other_files_are_named_with_the_accepted_ones (text, binary and empty; and the files of a COLMAP model)
+printf 'Ogawa\377\0\0' >"$temporary/shot.abc"
+printf 'PXR-USDC' >"$temporary/shot.usdc"
+printf '<?xml version="1.0"?>\n<document/>\n' >"$temporary/cameras.xml"
+printf '# Bundle file v0.3\n1 1\n' >"$temporary/bundle.out"
+printf 'name,x,y\n' >"$temporary/cameras.csv"
+printf ' \n' >"$temporary/empty"
+for file in shot.abc shot.usdc cameras.xml bundle.out cameras.csv empty; do
+    run 1 render "$model" --camera "$temporary/$file" --aov rgba -o "$temporary/none"
+    one_line
+    reports "/$file: contains no cameras of a known format; cameras are read from cameras.json, transforms.json, .chan,"
+done
+for file in "$room"/sparse/0/{cameras,images,points3D}.bin "$temporary"/fov/sparse/0/{cameras,images}.txt; do
+    run 1 render "$model" --camera "$file" --aov rgba -o "$temporary/none"
+    one_line
+    reports "$file: is a file of a COLMAP model; give the folder of the model"
+done
+# errors of JSON files have the place
+printf 'x' >"$temporary/bad.json"
+run 1 render "$model" --camera "$temporary/bad.json" --aov rgba -o "$temporary/none"
+one_line
+reports "bad.json: line 1:"
+run 1 render "$model" --camera "$temporary/missing.abc" --aov rgba -o "$temporary/none"
+one_line
+reports "missing.abc: cannot be read"
+{ printf '\357\273\277 \n' && cat "$temporary/square_orbit/cameras.json"; } >"$temporary/cameras_without_ending"
+run 0 render "$model" --camera "$temporary/cameras_without_ending" --frames 0 --size 16x9 --aov rgba -o "$temporary/marked"
+
 finish

@@ -433,7 +433,7 @@ run 0 render "$model" --camera "$temporary/marked.json" --size 64x32 --aov rgba 
 printf '{"path": [{"R": [0, 0, 0, 1], "T": [0, 0, 0], "fov": 50}], "time": 0}' >"$temporary/other.json"
 run 1 render "$model" --camera "$temporary/other.json" -o "$temporary/none"
 one_line
-reports 'other.json: contains no cameras of a known format; cameras are read from cameras.json, transforms.json and'
+reports 'other.json: contains no cameras of a known format; cameras are read from cameras.json, transforms.json, .chan,'
 
 # a_transforms_json_is_a_camera_file
 jq '{w: .[0].width, h: .[0].height, fl_x: .[0].fx, fl_y: .[0].fy, cx: .[0].cx, cy: .[0].cy,
@@ -488,7 +488,7 @@ reports "named.json: no view named 'picture.png'; its $(jq length "$temporary/na
 
 run 1 render "$model" --camera "$temporary/some/cameras.usda" --size 20x15 -o "$temporary/none"
 one_line
-reports "cameras.usda: cameras are read from cameras.json, .chan, the camera path of nerfstudio and a COLMAP model"
+reports "cameras.usda: contains no cameras of a known format; cameras are read from cameras.json, transforms.json, .chan, the camera path"
 
 # chan_cameras_are_read (all angles differ from 0; frame numbers become names)
 jq 'map(del(.camera_model, .params, .cx, .cy) | .fy = .fx)' "$model/cameras.json" >"$temporary/hand_held.json"

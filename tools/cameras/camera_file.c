@@ -14,10 +14,12 @@
 
 #include <jansson.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
+#include "cli/input_file.h"
 #include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -246,26 +248,60 @@ bool camera_file_is_scene(const char *path)
     return is_scene;
 }
 
+// True if the file begins like JSON; also if it is named so or cannot be read, which read_json
+// reports with the place.
+static bool may_be_json(const char *path)
+{
+    const char *ending = strrchr(path, '.');
+    FILE *stream = ending && !strcasecmp(ending, ".json") ? NULL : open_input(path, NULL);
+    if (!stream)
+        return true;
+    int first;
+    do
+        first = getc(stream);
+    while (first > 0 && strchr(" \t\r\n\xef\xbb\xbf", first)); // and a byte order mark
+    fclose(stream);
+    return first == '{' || first == '[';
+}
+
+static bool is_colmap(const char *path)
+{
+    static const char *const names[] = {"cameras", "images", "points3D", "frames", "rigs"};
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        const size_t length = strlen(names[k]);
+        if (!strncmp(name, names[k], length) &&
+            (!strcmp(name + length, ".bin") || !strcmp(name + length, ".txt")))
+            return true;
+    }
+    return false;
+}
+
+// Returns false.
+static bool fail_format(const char *path)
+{
+    if (is_colmap(path))
+        fail_run("%s: is a file of a COLMAP model; give the folder of the model", path);
+    else
+        fail_run("%s: contains no cameras of a known format; cameras are read from cameras.json, "
+                 "transforms.json, .chan, the camera path of nerfstudio's viewer and the folder of "
+                 "a COLMAP model",
+                 path);
+    return false;
+}
+
 bool camera_file_read(const char *path, int first, camera_list *list)
 {
     *list = (camera_list){.first = first};
-    const char *ending = strrchr(path, '.');
-    if (ending && !strcasecmp(ending, ".usda")) {
-        fail_run("%s: cameras are read from cameras.json, .chan, the camera path of nerfstudio and "
-                 "a COLMAP model, not from %s",
-                 path, ending);
-        return false;
-    }
+    if (!may_be_json(path))
+        return fail_format(path);
     json_t *root = read_json(path);
     if (!root)
         return false;
     const json_t *frames = json_object_get(root, "camera_path");
     if (!frames && is_foreign(root)) {
-        fail_run("%s: contains no cameras of a known format; cameras are read from cameras.json, "
-                 "transforms.json and the camera path of nerfstudio's viewer",
-                 path);
         json_decref(root);
-        return false;
+        return fail_format(path);
     }
     list->count = frames                ? json_array_size(frames)
                   : json_is_array(root) ? json_array_size(root)

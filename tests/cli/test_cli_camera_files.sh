@@ -141,4 +141,12 @@ reports "missing.abc: cannot be read"
 { printf '\357\273\277 \n' && cat "$temporary/square_orbit/cameras.json"; } >"$temporary/cameras_without_ending"
 run 0 render "$model" --camera "$temporary/cameras_without_ending" --frames 0 --size 16x9 --aov rgba -o "$temporary/marked"
 
+# a_scene_excludes_a_camera_file
+run 2 render "$model" "$room" --camera "$temporary/twos.chan" -o "$temporary/none"
+one_line
+reports "SCENE and --camera are mutually exclusive; omit one"
+run 2 render "$model" -o "$temporary/none"
+one_line
+reports "render requires a SCENE or --camera FILE; usage: sparegs render"
+
 finish

@@ -588,8 +588,7 @@ static bool can_overscan(const camera_list *cameras)
     return true;
 }
 
-// False after printing the error: the frames have names without numbers, and no file with numbers
-// is written.
+// False after printing the error: neither a name nor a camera file would contain the number.
 static bool can_number(const command_line *line, const render_values *values,
                        const camera_list *cameras)
 {
@@ -675,10 +674,11 @@ static int check_values(const command_line *line, const render_values *values,
     const int paths =
         (values->orbit > 0) + (values->spiral > 0) + (values->view != NULL) + choice->split_given;
     const bool sampled = values->samples > 1 || values->aperture > 0;
-    if ((line->operand_count == 2) == (values->camera != NULL))
-        return fail_usage(
-            "render requires either a SCENE or --camera FILE; usage: sparegs render %s",
-            line->synopsis);
+    if (line->operand_count == 2 && values->camera)
+        return fail_usage("SCENE and --camera are mutually exclusive; omit one");
+    if (line->operand_count < 2 && !values->camera)
+        return fail_usage("render requires a SCENE or --camera FILE; usage: sparegs render %s",
+                          line->synopsis);
     if (!values->output && !values->film)
         return fail_usage(
             "render requires an output folder, -o DIR (or --video FILE); usage: sparegs render %s",

@@ -27,6 +27,6 @@ uint32_t *sgsi_arena_take(sgsi_arena *arena, size_t words);
 size_t sgsi_arena_used(const sgsi_arena *arena);
 // Resets and reserves `words` in one chunk: sgsi_arena_take then hands out as many without
 // allocating. (Untouched pages take no memory.) False when out of memory: the arena is then empty
-// and usable.
+// and grows on demand.
 bool sgsi_arena_reserve(sgsi_arena *arena, size_t words);
 void sgsi_arena_free(sgsi_arena *arena);

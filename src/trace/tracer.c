@@ -96,10 +96,22 @@ static bool grow_keys(thread_state *state, size_t capacity)
     return true;
 }
 
+// List memory for the whole view for every thread. If that is too much, none reserves: the address
+// space of some would be missing to the others, and arenas grow on demand.
+static void reserve_arenas(sgsi_tracer *tracer)
+{
+    bool reserved = true;
+    for (int i = 0; i < sgsi_threads(); ++i)
+        reserved = reserved && sgsi_arena_reserve(&tracer->threads[i]->arena, tracer->list_words);
+    for (int i = 0; i < sgsi_threads() && !reserved; ++i)
+        sgsi_arena_free(&tracer->threads[i]->arena);
+}
+
 // Macrotiles are scheduled dynamically, and one thread may process all of them. Every thread
 // therefore gets the capacities of the largest, and list memory for the whole view. Later passes
-// over the same views then allocate nothing.
-static sgs_status equalize_threads(sgsi_tracer *tracer)
+// over the same views then allocate nothing. Without enough memory for that, threads allocate what
+// they use.
+static void equalize_threads(sgsi_tracer *tracer)
 {
     size_t scratch = 0, keys = 0, gathered = 0, words = 0;
     for (int i = 0; i < sgsi_threads(); ++i) {
@@ -111,19 +123,14 @@ static sgs_status equalize_threads(sgsi_tracer *tracer)
     }
     if (words > tracer->list_words)
         tracer->list_words = words + words / 4;
+    reserve_arenas(tracer);
     for (int i = 0; i < sgsi_threads(); ++i) {
         thread_state *state = tracer->threads[i];
-        bool grown = sgsi_scratch_grow(&state->scratch, scratch) && grow_keys(state, keys) &&
-                     sgsi_arena_reserve(&state->arena, tracer->list_words);
-        if (grown && gathered > state->gathered.capacity) {
-            grown =
-                sgsi_grow((void **)&state->gathered.ids, 0, gathered, sizeof *state->gathered.ids);
-            state->gathered.capacity = grown ? gathered : state->gathered.capacity;
-        }
-        if (!grown)
-            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the lists of a view");
+        if (sgsi_scratch_grow(&state->scratch, scratch) && grow_keys(state, keys) &&
+            gathered > state->gathered.capacity &&
+            sgsi_grow((void **)&state->gathered.ids, 0, gathered, sizeof *state->gathered.ids))
+            state->gathered.capacity = gathered;
     }
-    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_tracer_prepare_threads(sgsi_tracer *tracer)
@@ -611,11 +618,10 @@ static sgs_status forward_macrotiles(sgsi_tracer *tracer, forward_pass *pass,
     const sgsi_rays *rays = pass->view->rays;
     sgs_status status = sgsi_tracer_prepare_threads(tracer);
     if (!status)
-        status = equalize_threads(tracer);
-    if (!status)
         status = reserve_lists(tracer, (size_t)rays->tiles_x * (size_t)rays->tiles_y);
     if (status)
         return status;
+    equalize_threads(tracer);
     if (tracer->has_piece)
         macrotile_count = list_piece(tracer, rays);
     tracer->counts = (sgsi_trace_counts){0};

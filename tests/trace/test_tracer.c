@@ -14,8 +14,11 @@
 #include <cmocka.h>
 
 #include <stdio.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include "support/tracer_support.h"
+#include "trace/tracer_state.h"
 
 static const sgs_isa all_isas[SGS_ISA_COUNT] = {SGS_ISA_BASELINE, SGS_ISA_AVX2, SGS_ISA_AVX512};
 
@@ -392,6 +395,111 @@ static void avx2_and_avx512_trace_the_same_bits(void **state)
     }
 }
 
+// ---- Lack of memory for what later passes would use ----
+
+static const sgs_camera memory_camera = {SGS_CAMERA_PINHOLE, 150, 110, {140, 140, 75, 55}};
+
+static traced_view memory_view(const oracle_scene *scene)
+{
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    return traced_create(scene->model, &memory_camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+}
+
+static void assert_traces_as(traced_view *traced, const sgsi_planes *planes,
+                             const traced_lists *lists, const char *what)
+{
+    traced_assert_complete(&traced->planes);
+    traced_assert_same_image(planes, &traced->planes, what);
+    traced_lists own = traced_lists_of(traced->tracer, traced->rays);
+    traced_assert_same_lists(lists, &own, what);
+    traced_lists_free(&own);
+}
+
+static void failed_reservations_do_not_fail_a_pass(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(3, 1500, NULL);
+    traced_view plain = memory_view(&scene);
+    traced_lists lists = traced_lists_of(plain.tracer, plain.rays);
+    size_t failures = 0;
+    for (bool failed = true; failed; failures += failed) {
+        sgsi_threads_set(1);
+        traced_view traced = memory_view(&scene);
+        sgsi_threads_set(2); // the second thread has its state, but no memory yet
+        assert_int_equal(sgsi_tracer_prepare_threads(traced.tracer), SGS_STATUS_OK);
+        const size_t before = sgsi_allocation_count();
+        sgsi_fail_allocation(failures + 1);
+        const sgs_status status =
+            sgsi_tracer_forward(traced.tracer, &traced.view, &traced.planes, NULL, true);
+        failed = sgsi_allocation_count() - before > failures;
+        sgsi_fail_allocation(0);
+        assert_int_equal(status, SGS_STATUS_OK);
+        assert_traces_as(&traced, &plain.planes, &lists, label("failure", "of", (int)failures));
+        traced_destroy(&traced);
+    }
+    assert_true(failures >= 4);
+    traced_lists_free(&lists);
+    traced_destroy(&plain);
+    oracle_scene_free(&scene);
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+static size_t address_space(void)
+{
+    size_t pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    if (file && fscanf(file, "%zu", &pages) != 1)
+        pages = 0;
+    if (file)
+        fclose(file);
+    return pages * (size_t)sysconf(_SC_PAGESIZE);
+}
+
+// The limit leaves room for the reservation of one thread but not of two. One that is kept would
+// leave little to the other thread and to the rest of the program.
+static void reservations_leave_address_space_to_the_lists(void **state)
+{
+    (void)state;
+    enum { STEP = 1 << 18, STEPS = 24 };
+    const size_t words = (size_t)1 << 28;
+    oracle_scene scene = oracle_random_model(3, 1500, NULL);
+    sgsi_threads_set(2);
+    traced_view traced = memory_view(&scene), plain = memory_view(&scene);
+    traced_lists lists = traced_lists_of(plain.tracer, plain.rays);
+    struct rlimit all;
+    assert_int_equal(getrlimit(RLIMIT_AS, &all), 0);
+    for (size_t step = 0; step < STEPS && address_space(); ++step) {
+        traced.tracer->list_words = words;
+        size_t reserved = 0;
+        for (int i = 0; i < 2; ++i)
+            sgsi_arena_free(&traced.tracer->threads[i]->arena);
+        const struct rlimit tight = {address_space() + 4 * words - 4 * STEP + step * STEP,
+                                     all.rlim_max};
+        assert_int_equal(setrlimit(RLIMIT_AS, &tight), 0);
+        const sgs_status status =
+            sgsi_tracer_forward(traced.tracer, &traced.view, &traced.planes, NULL, true);
+        assert_int_equal(setrlimit(RLIMIT_AS, &all), 0);
+        assert_int_equal(status, SGS_STATUS_OK);
+        for (int i = 0; i < 2; ++i) {
+            const sgsi_arena *arena = &traced.tracer->threads[i]->arena;
+            reserved += arena->chunk_count && arena->chunks[0].capacity >= words;
+        }
+        assert_int_equal(reserved, 0);
+        assert_traces_as(&traced, &plain.planes, &lists, label("limit", "step", (int)step));
+    }
+    traced_lists_free(&lists);
+    traced_destroy(&plain);
+    traced_destroy(&traced);
+    oracle_scene_free(&scene);
+}
+#else // the sanitizers reserve the address space for themselves
+static void reservations_leave_address_space_to_the_lists(void **state)
+{
+    (void)state;
+    skip();
+}
+#endif
+
 static void thread_counts_are_clamped_to_what_the_tracer_holds(void **state)
 {
     (void)state;
@@ -412,6 +520,8 @@ int main(void)
         cmocka_unit_test(hidden_entries_change_no_bit_at_any_position),
         cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, traced_restore),
         cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, traced_restore),
+        cmocka_unit_test_teardown(failed_reservations_do_not_fail_a_pass, traced_restore),
+        cmocka_unit_test_teardown(reservations_leave_address_space_to_the_lists, traced_restore),
         cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds,
                                   traced_restore),
     };

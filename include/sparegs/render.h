@@ -45,7 +45,8 @@ typedef struct sgs_render_options {
     // [count] Mip-Splatting's f3 in world units, or NULL = 0; used by SGS_FILTER_MIP only.
     const float *filter_3d;
     // Distances of the frame are measured along the camera's axis (z) instead of the ray; default
-    // false.
+    // false. Not defined, and UNSUPPORTED, if a ray of the camera is 90 degrees or more from the
+    // axis.
     bool axis_depth;
     // In (0, 1]; default 1, exact. A tile of 16x16 pixels ignores a primitive if rho^2 exceeds this
     // fraction of the support, 2 ln(255 o), for all rays of the tile; FastGS's rasteriser uses 0.5.
@@ -136,8 +137,9 @@ SGS_API sgs_status sgs_renderer_refit(sgs_renderer *renderer);
 // Renders one view into the planes of `frame` that are not NULL. options NULL = the defaults. The
 // result does not depend on the number of threads, bit for bit. Fails with INVALID_ARGUMENT
 // (options or camera position out of range, frame size differs from the camera's), FORMAT
-// (sgs_camera_validate), UNSUPPORTED (a lens without rays), OUT_OF_MEMORY, INTERNAL (Embree) or
-// CANCELLED; the contents of the planes are then undefined.
+// (sgs_camera_validate), UNSUPPORTED (a lens too wide for its image, axis_depth with a ray 90
+// degrees or more from the axis), OUT_OF_MEMORY, INTERNAL (Embree) or CANCELLED; the contents of
+// the planes are then undefined.
 SGS_API sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
                                        const sgs_pose *pose, const sgs_render_options *options,
                                        sgs_frame *frame);

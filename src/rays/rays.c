@@ -17,12 +17,14 @@
 typedef struct direction_map {
     const sgs_camera *camera;
     float (*directions)[3]; // [height * width]; NaN where the lens has no ray
+    atomic_bool sideways;   // a ray has z <= 0
 } direction_map;
 
 static void unproject_row(void *context, size_t y, int thread)
 {
     (void)thread;
-    const direction_map *map = context;
+    direction_map *map = context;
+    bool sideways = false;
     for (int x = 0; x < map->camera->width; ++x) {
         float *out = map->directions[y * (size_t)map->camera->width + (size_t)x];
         double d[3];
@@ -30,7 +32,10 @@ static void unproject_row(void *context, size_t y, int thread)
             sgs_camera_unproject(map->camera, (double[2]){x + 0.5, (double)y + 0.5}, d);
         for (int k = 0; k < 3; ++k)
             out[k] = valid ? (float)d[k] : NAN;
+        sideways = sideways || (valid && !(d[2] > 0.0));
     }
+    if (sideways)
+        atomic_store_explicit(&map->sideways, true, memory_order_relaxed);
 }
 
 static void normalize(float v[3])
@@ -329,8 +334,9 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_r
     if (status)
         return status;
     sgsi_rays *made = sgsi_calloc(1, sizeof *made);
-    direction_map map = {
-        camera, sgsi_alloc((size_t)camera->width * (size_t)camera->height, sizeof *map.directions)};
+    direction_map map = {.camera = camera,
+                         .directions = sgsi_alloc((size_t)camera->width * (size_t)camera->height,
+                                                  sizeof *map.directions)};
     if (!made || !map.directions)
         goto out_of_memory;
     made->camera = *camera;
@@ -345,6 +351,7 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_r
     if (!made->tiles || !sgsi_cells_set(&made->cells, camera->width, camera->height))
         goto out_of_memory;
     sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
+    made->forward = !map.sideways;
     macrotile_side = macrotile_side < SGSI_MACROTILE_SIDE ? macrotile_side : SGSI_MACROTILE_SIDE;
     while (macrotile_side && !fill_tiles(made, &map, macrotile_side))
         macrotile_side /= 2;

@@ -48,6 +48,7 @@ typedef struct sgsi_rays {
     float axis[3], cone_cos, cone_sin; // circumscribed cone of the whole image
     float focal, fx, fy, cx, cy;
     bool fisheye;
+    bool forward; // all rays have z > 0: distances along the camera axis are defined
 } sgsi_rays;
 
 // A view, as used by the kernels.

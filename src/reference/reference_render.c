@@ -399,6 +399,18 @@ static void render_row(void *context, size_t y, int thread)
     }
 }
 
+static bool all_rays_forward(const sgs_camera *camera)
+{
+    for (int y = 0; y < camera->height; ++y)
+        for (int x = 0; x < camera->width; ++x) {
+            double direction[3];
+            if (sgs_camera_unproject(camera, (double[2]){x + 0.5, y + 0.5}, direction) &&
+                !(direction[2] > 0))
+                return false;
+        }
+    return true;
+}
+
 sgs_status sgs_reference_render(const double *params, size_t count, const sgs_camera *camera,
                                 const sgs_pose *pose, const sgs_render_options *options,
                                 sgs_reference_frame *frame)
@@ -410,6 +422,12 @@ sgs_status sgs_reference_render(const double *params, size_t count, const sgs_ca
     sgs_status status = sgsi_reference_view_create(params, count, camera, pose, options, &view);
     if (status != SGS_STATUS_OK)
         return status;
+    if (view.axis_depth && !all_rays_forward(camera)) {
+        sgsi_reference_view_free(&view);
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "reference: option axis_depth is not defined for rays 90 degrees or more "
+                         "from the camera axis; measure along the ray");
+    }
     const size_t threads = (size_t)sgsi_threads();
     render_job job = {&view, frame, sgsi_alloc(threads, (count ? count : 1) * sizeof(sgs_hit))};
     if (job.hits)

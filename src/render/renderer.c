@@ -266,6 +266,10 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     sgs_status status = sgsi_render_options_check(options);
     if (!status)
         status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
+    if (!status && options->axis_depth && !rays->forward)
+        status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                           "option axis_depth is not defined for rays 90 degrees or more from the "
+                           "camera axis; measure along the ray");
     if (!status)
         status = prepare_planes(renderer, frame);
     if (status)

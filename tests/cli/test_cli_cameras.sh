@@ -337,6 +337,9 @@ check reference_agrees_all_around oiiotool --fail 0.002 --hardfail 0.1 --failper
     "$temporary/exact/0009.exr" --ch R,G,B,A --diff
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --depth z -o "$temporary/none"
 one_line
+reports "--depth z is not defined for rays 90 degrees or more from the camera axis; measure along the ray"
+run 1 render "$model" "$room" --view 0009 --projection equirectangular --size 96x48 --depth z --reference -o "$temporary/none"
+one_line
 reports "--depth z is not defined"
 run 1 render "$model" "$room" --view 0009 --projection equirectangular --aperture 1 -o "$temporary/none"
 one_line

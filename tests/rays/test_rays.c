@@ -32,7 +32,7 @@ static const sgs_camera cameras[] = {
     {SGS_CAMERA_OPENCV_FISHEYE, 96, 96, {25, 25, 48, 48}}, // 220 degrees
     {SGS_CAMERA_FOV, 80, 60, {50, 50, 40, 30, 0.9}},
 };
-enum { CAMERA_COUNT = sizeof cameras / sizeof *cameras };
+enum { CAMERA_COUNT = sizeof cameras / sizeof *cameras, WIDE = 8 };
 
 static double dot(const double a[3], const float b[3])
 {
@@ -126,6 +126,25 @@ static void frames_are_orthonormal(void **state)
 }
 
 // Sixteen pixels that cover all directions have no tangent plane: an error, not missing pixels.
+static void rays_90_degrees_from_the_axis_are_recorded(void **state)
+{
+    (void)state;
+    for (int k = 0; k < CAMERA_COUNT; ++k) {
+        sgsi_rays *rays;
+        bool forward = true;
+        assert_int_equal(sgsi_rays_create(&cameras[k], 2, &rays), SGS_STATUS_OK);
+        for (int y = 0; y < cameras[k].height; ++y)
+            for (int x = 0; x < cameras[k].width; ++x) {
+                double d[3];
+                if (sgs_camera_unproject(&cameras[k], (double[2]){x + 0.5, y + 0.5}, d))
+                    forward = forward && d[2] > 0;
+            }
+        assert_int_equal(rays->forward, forward);
+        assert_int_equal(rays->forward, k != WIDE);
+        sgsi_rays_destroy(rays);
+    }
+}
+
 static void images_too_small_for_their_lens_are_rejected(void **state)
 {
     (void)state;
@@ -194,6 +213,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_ray_lies_in_its_block_tile_macrotile_and_image_bounds),
         cmocka_unit_test(frames_are_orthonormal),
+        cmocka_unit_test(rays_90_degrees_from_the_axis_are_recorded),
         cmocka_unit_test(images_too_small_for_their_lens_are_rejected),
         cmocka_unit_test(every_failed_allocation_is_reported),
         cmocka_unit_test(cache_returns_one_table_per_camera_within_its_limit),

@@ -485,6 +485,53 @@ static void bits_do_not_depend_on_earlier_renderings(void **state)
     oracle_scene_free(&scene);
 }
 
+static sgs_status ignore_rows(void *context, int y, int rows, const uint32_t *counts,
+                              const sgs_deep_sample *samples)
+{
+    (void)context, (void)y, (void)rows, (void)counts, (void)samples;
+    return SGS_STATUS_OK;
+}
+
+// A fisheye lens whose corners are 79 and 140 degrees from the axis.
+static void distances_along_the_axis_require_rays_in_front_of_the_camera(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(9, 40, NULL);
+    const sgs_pose pose = oracle_pose_look_at(1, 1, -4);
+    sgs_render_options options = sgs_render_options_default();
+    const sgs_deep_options deep = sgs_deep_options_default();
+    sgs_renderer *renderer;
+    assert_int_equal(sgs_renderer_create(scene.model, &renderer), SGS_STATUS_OK);
+    for (int wide = 0; wide < 2; ++wide) {
+        const int side = wide ? 70 : 40;
+        const sgs_camera camera = {
+            SGS_CAMERA_OPENCV_FISHEYE, side, side, {20, 20, side / 2, side / 2}};
+        sgs_frame frame;
+        sgs_reference_frame exact;
+        assert_int_equal(sgs_frame_create(side, side, &frame), SGS_STATUS_OK);
+        assert_int_equal(sgs_reference_frame_create(side, side, &exact), SGS_STATUS_OK);
+        for (int axis = 0; axis < 2; ++axis) {
+            options.axis_depth = axis;
+            const sgs_status expected = wide && axis ? SGS_STATUS_UNSUPPORTED : SGS_STATUS_OK;
+            const char *message = "option axis_depth is not defined for rays 90 degrees or more";
+            assert_int_equal(sgs_renderer_render(renderer, &camera, &pose, &options, &frame),
+                             expected);
+            assert_true(!expected || strstr(sgs_last_error(), message));
+            assert_int_equal(sgs_renderer_render_deep(renderer, &camera, &pose, &options, &deep,
+                                                      &frame, ignore_rows, NULL),
+                             expected);
+            assert_int_equal(
+                sgs_reference_render(scene.params, scene.count, &camera, &pose, &options, &exact),
+                expected);
+            assert_true(!expected || strstr(sgs_last_error(), message));
+        }
+        sgs_frame_free(&frame);
+        sgs_reference_frame_free(&exact);
+    }
+    sgs_renderer_destroy(renderer);
+    oracle_scene_free(&scene);
+}
+
 static void bits_do_not_depend_on_threads(void **state)
 {
     (void)state;
@@ -520,6 +567,7 @@ int main(void)
         cmocka_unit_test(each_component_is_rendered_alone),
         cmocka_unit_test(an_empty_model_overwrites_every_plane),
         cmocka_unit_test(bits_do_not_depend_on_earlier_renderings),
+        cmocka_unit_test(distances_along_the_axis_require_rays_in_front_of_the_camera),
         cmocka_unit_test(bits_do_not_depend_on_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

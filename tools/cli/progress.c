@@ -77,7 +77,8 @@ static const struct {
                       {"downscale", "downscale"},
                       {"view_width", "size"},
                       {"distill", "distill"},
-                      {"finetune", "finetune"}};
+                      {"finetune", "finetune"},
+                      {"axis_depth", "depth z"}};
 
 // Writes the flag of a field with its dashes; false if the field has none.
 static bool flag_of_field(const char *field, char flag[48])

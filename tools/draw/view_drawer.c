@@ -122,23 +122,6 @@ static sgs_status draw_reference(const view_drawer *drawer, const sgs_camera *ca
     return status;
 }
 
-// False after printing the error if a ray of the lens is at 90 degrees or more from the axis.
-static bool has_axis_depth(const char *name, const sgs_camera *camera)
-{
-    const size_t width = (size_t)camera->width, count = width * (size_t)camera->height;
-    for (size_t i = 0; sgs_camera_is_fisheye(camera->model) && i < count; ++i) {
-        const double pixel[2] = {(double)(i % width) + 0.5, (double)(i / width) + 0.5};
-        double direction[3];
-        if (sgs_camera_unproject(camera, pixel, direction) && !(direction[2] > 0)) {
-            fail_run("%s: --depth z is not defined for rays 90 degrees or more from the camera "
-                     "axis; use --depth ray",
-                     name);
-            return false;
-        }
-    }
-    return true;
-}
-
 // Creates or resizes a frame for a view.
 static bool prepare_frame(sgs_frame *frame, const sgs_camera *camera, unsigned planes)
 {
@@ -438,8 +421,6 @@ static bool draw_view(view_drawer *drawer, const named_camera *view)
     const sgs_render_options options = render_options(drawer);
     sgs_camera *camera = &drawer->cameras[drawer->frame != drawer->frames];
     *camera = camera_with_border(&view->camera, o->overscan);
-    if (o->axis_depth && !has_axis_depth(view->name, camera))
-        return false;
     frame_files files = {.folder = o->folder,
                          .stem = view->stem,
                          .name = view->name,

@@ -249,7 +249,7 @@ static __attribute__((noinline)) uint32_t drop_hidden(const float *projected,
             r[6] + r[7] * u + r[8] * v + fabsf(r[7]) * half_u + fabsf(r[8]) * half_v;
         order[kept] = index;
         kept += !(r[SGSI_PROJECTED_DISTANCE] >
-                  stop * 1.0001f * c_max *
+                  stop * SGSI_DEPTH_MARGIN * c_max *
                       (1.0f + r[SGSI_PROJECTED_REACH] * r[SGSI_PROJECTED_REACH] *
                                   r[SGSI_PROJECTED_INV_KAPPA]));
     }

@@ -74,7 +74,7 @@ static inline vm test_tile(const vf r[16], const sgsi_tile_rays *tile, vf reach2
     const vm overlaps = vm_and(vf_le(vf_mul(low, low), vf_mul(n2, vf_mul(reach, vf_set1(1.001f)))),
                                vf_gt(c_max, vf_zero()));
     // t >= |delta| / (Cmax (1 + q^2 / kappa)), without the division; in units of |d|.
-    const vf t_max = vf_set1(far / tile->min_length);
+    const vf t_max = vf_set1(far * SGSI_DEPTH_MARGIN / tile->min_length);
     *in_bound =
         vm_and(overlaps, vf_le(r[SGSI_PROJECTED_DISTANCE], vf_mul(t_max, vf_mul(c_max, stretch))));
     return overlaps;

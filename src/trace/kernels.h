@@ -65,6 +65,10 @@ typedef struct sgsi_scratch {
 #define SGSI_IN_BOUND 0x1u     // overlaps the tile in front of its depth bound
 #define SGSI_OVERLAPS 0x10000u // overlaps the tile at any distance
 
+// Depth bounds are compared with lower bounds on t, which round. All tests against a distance
+// beyond which nothing is visible multiply it by this margin.
+#define SGSI_DEPTH_MARGIN 1.0001f
+
 // The tiles of a macrotile that lie in the image, and their depth bounds.
 typedef struct sgsi_macrotile {
     const sgsi_tile_rays *tiles[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE];

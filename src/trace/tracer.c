@@ -395,7 +395,7 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
                 view->rotation[k] * rays->macrotile_directions[macrotile][0][i] +
                 view->rotation[3 + k] * rays->macrotile_directions[macrotile][1][i] +
                 view->rotation[6 + k] * rays->macrotile_directions[macrotile][2][i];
-        packet.far[i] = far * 1.0001f;
+        packet.far[i] = far * SGSI_DEPTH_MARGIN;
     }
     state->gathered.count = 0;
     // The traversal prefetches these rows.

@@ -395,6 +395,46 @@ static void avx2_and_avx512_trace_the_same_bits(void **state)
     }
 }
 
+// ---- Rounding of depth bounds ----
+
+// Far, small primitives before one pixel: the lower bound on t nearly equals t, so that rounding
+// decides. A bound equal to the distance of the last hit must not exclude that hit.
+static void depth_bounds_equal_to_the_last_distance_keep_its_hit(void **state)
+{
+    (void)state;
+    enum { WALL = 6 };
+    const sgs_camera camera = {SGS_CAMERA_PINHOLE, 1, 1, {1000, 1000, 0.5, 0.5}};
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    uint64_t fallback_gathers = 0;
+    for (uint64_t seed = 0; seed < 400; ++seed) {
+        oracle_scene scene = oracle_scene_create(WALL);
+        oracle_random random = {seed, 0};
+        for (size_t i = 0; i < WALL; ++i)
+            oracle_set_ball(oracle_primitive(&scene, i), oracle_uniform(&random, -4e-6, 4e-6),
+                            oracle_uniform(&random, -4e-6, 4e-6), oracle_uniform(&random, 1, 9),
+                            2e-5, 0.9999);
+        oracle_scene_round(&scene);
+        traced_view traced =
+            traced_create(scene.model, &camera, &pose, SGS_FILTER_NONE, 1, SGSI_BVH_REFIT);
+        sgsi_planes plain = traced.planes;
+        traced.planes = (sgsi_planes){0};
+        float depth_bound = INFINITY;
+        traced_forward(&traced, &depth_bound);
+        assert_true(isfinite(depth_bound)); // 1.05 times the distance
+        float last = 0.999999f * (depth_bound / 1.05f);
+        while (nextafterf(last, INFINITY) * 1.05f <= depth_bound)
+            last = nextafterf(last, INFINITY);
+        depth_bound = last;
+        traced_forward(&traced, &depth_bound);
+        fallback_gathers += sgsi_tracer_counts(traced.tracer).fallback_gathers;
+        traced_assert_same_image(&plain, &traced.planes, "bound at the last hit");
+        traced_planes_free(&plain);
+        traced_destroy(&traced);
+        oracle_scene_free(&scene);
+    }
+    assert_int_equal(fallback_gathers, 0);
+}
+
 // ---- Lack of memory for what later passes would use ----
 
 static const sgs_camera memory_camera = {SGS_CAMERA_PINHOLE, 150, 110, {140, 140, 75, 55}};
@@ -520,6 +560,7 @@ int main(void)
         cmocka_unit_test(hidden_entries_change_no_bit_at_any_position),
         cmocka_unit_test_teardown(one_two_and_three_threads_give_the_same_bits, traced_restore),
         cmocka_unit_test_teardown(avx2_and_avx512_trace_the_same_bits, traced_restore),
+        cmocka_unit_test(depth_bounds_equal_to_the_last_distance_keep_its_hit),
         cmocka_unit_test_teardown(failed_reservations_do_not_fail_a_pass, traced_restore),
         cmocka_unit_test_teardown(reservations_leave_address_space_to_the_lists, traced_restore),
         cmocka_unit_test_teardown(thread_counts_are_clamped_to_what_the_tracer_holds,

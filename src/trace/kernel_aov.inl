@@ -136,7 +136,7 @@ static void write_aovs(const sgsi_scratch *s, const sgsi_tile_target *target, in
     if (aov && (aov->position[0] || aov->position[1] || aov->position[2]))
         store_position(target, b, direction, mean, any);
     if (identify)
-        store_block((float *)aov->primitive, target, b, sums.primitive);
+        store_block(aov->primitive, target, b, sums.primitive);
     if (aov && aov->visit)
         visit_block(s, target, b, count, unit);
 }

@@ -333,22 +333,22 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
     return kept;
 }
 
-static inline void store_block(float *plane, const sgsi_tile_target *target, int b, vf value)
+// plane: of floats or of 32-bit integers, whose bits are those of the lanes.
+static inline void store_block(void *plane, const sgsi_tile_target *target, int b, vf value)
 {
     float lanes[16] __attribute__((aligned(64)));
     vf_store(lanes, value);
     const int x = target->rays->x + 4 * (b % 4), y = target->rays->y + 4 * (b / 4);
     const int columns = target->width - x < 4 ? target->width - x : 4;
+    char *const first = (char *)plane + ((size_t)y * target->stride + (size_t)x) * sizeof *lanes;
+    const size_t pitch = target->stride * sizeof *lanes;
     if (columns == 4 && target->height - y >= 4) {
-        for (int row = 0; row < 4; ++row)
-            memcpy(plane + (size_t)(y + row) * target->stride + x, lanes + 4 * row,
-                   4 * sizeof *lanes);
+        for (size_t row = 0; row < 4; ++row)
+            memcpy(first + row * pitch, lanes + 4 * row, 4 * sizeof *lanes);
         return;
     }
-    for (int row = 0; row < 4 && y + row < target->height; ++row)
-        for (int column = 0; column < columns; ++column)
-            plane[(size_t)(y + row) * target->stride + (size_t)(x + column)] =
-                lanes[4 * row + column];
+    for (size_t row = 0; row < 4 && y + (int)row < target->height; ++row)
+        memcpy(first + row * pitch, lanes + 4 * row, (size_t)columns * sizeof *lanes);
 }
 
 static inline vf load_block_plane(const float *plane, const sgsi_tile_target *target, int b)

@@ -18,9 +18,10 @@
 // order. Primitives of the same shape and mean are ordered by id.
 //
 // Pixel filters. `3dgs`: s'^2 = s^2 + 0.3 (z / f)^2 with z the camera depth of the mean (for
-// fisheye lenses its distance) and f = sqrt(fx fy): the dilation of 3DGS by 0.3 px^2. `none`: the
-// unfiltered Gaussian. `mip` (Yu et al. 2024): s'^2 = s^2 + f3^2 with the model's 3D filter f3,
-// then + 0.1 (z / f)^2 with the opacity factors of the paper.
+// fisheye lenses its distance) and f = sqrt(fx fy): the dilation of 3DGS by 0.3 px^2 on the optical
+// axis. It is isotropic in space, so at an angle theta from the axis it over-dilates the radial
+// direction by 1 / cos(theta). `none`: the unfiltered Gaussian. `mip` (Yu et al. 2024): s'^2 = s^2
+// + f3^2 with the model's 3D filter f3, then + 0.1 (z / f)^2 with the opacity factors of the paper.
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -65,7 +66,7 @@ SGS_API double sgs_near_distance(double extent);
 // Cannot fail.
 SGS_API sgs_render_options sgs_render_options_default(void);
 
-// Optional planes of a frame (AOVs); colour and transmittance are always present.
+// Planes that sgs_frame_create_with allocates besides colour and transmittance (AOVs).
 enum {
     SGS_AOV_DEPTH_MEAN = 1,
     SGS_AOV_DEPTH_MEDIAN = 2,
@@ -158,10 +159,12 @@ SGS_API sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera 
 // scale, unnormalised quaternion; 0 for primitives without a counted hit. Read them with
 // sgs_gaussians_read.
 //
-// As in 3DGS the clamp of alpha at 0.99 is ignored (straight-through), and a colour channel clamped
-// at 0 has no gradient. The pixel filter's dependence on depth is included; options.filter_3d is
-// constant. The result does not depend on the number of threads, bit for bit. Fails with
-// INVALID_ARGUMENT or OUT_OF_MEMORY; d_model is then undefined.
+// Where the clamp alpha = min(0.99, a) applies, a = o exp(-rho^2 / 2), its derivative is taken as
+// 0.99 / a: alpha dL/dalpha passes through it unchanged, as dL/dlog a. 3DGS takes 1, which differs
+// by at most 1 % for opacities <= 1. A colour channel clamped at 0 has no gradient, as in 3DGS. The
+// pixel filter's dependence on depth is included; options.filter_3d is constant. The result does
+// not depend on the number of threads, bit for bit. Fails with INVALID_ARGUMENT or OUT_OF_MEMORY;
+// d_model is then undefined.
 SGS_API sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_frame,
                                          sgs_gaussians *d_model);
 
@@ -187,8 +190,9 @@ typedef sgs_status (*sgs_deep_rows_fn)(void *context, int y, int rows, const uin
 
 // Renders one view like sgs_renderer_render, with the same bits in the frame, and passes the
 // samples to `rows`. depth_first of the frame equals z of a pixel's first sample. deep NULL = the
-// defaults. Fails as sgs_renderer_render, with INVALID_ARGUMENT for deep options out of range, or
-// with the status of `rows`.
+// defaults. Ignores options.differentiable; sgs_renderer_backward fails until the next
+// differentiable sgs_renderer_render. Fails as sgs_renderer_render, with INVALID_ARGUMENT for deep
+// options out of range, or with the status of `rows`.
 SGS_API sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
                                             const sgs_pose *pose, const sgs_render_options *options,
                                             const sgs_deep_options *deep, sgs_frame *frame,
@@ -228,16 +232,19 @@ SGS_API sgs_status sgs_reference_render(const double *params, size_t count,
                                         sgs_reference_frame *frame);
 
 // Counted hits of the ray through the centre of pixel (x, y), in blending order. Writes at most
-// `capacity`; returns their total number.
-SGS_API size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
-                                  const sgs_pose *pose, const sgs_render_options *options, int x,
-                                  int y, sgs_hit *hits, size_t capacity);
+// `capacity` of them to `hits` (may be NULL if that is 0) and their total number to *hit_count: 0
+// for a pixel outside of the image or without a ray. t is measured along the ray, whatever
+// axis_depth. Fails as sgs_reference_render; *hit_count is then 0.
+SGS_API sgs_status sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
+                                      const sgs_pose *pose, const sgs_render_options *options,
+                                      int x, int y, sgs_hit *hits, size_t capacity,
+                                      size_t *hit_count);
 
 // Gradients of a loss L for sgs_reference_render with the same arguments. d_color, d_transmittance:
 // [height][width] planes of dL/dcolour and dL/dtransmittance; d_transmittance may be NULL.
 // d_params: [count][SGS_PARAM_COUNT], overwritten with dL/d(stored parameter); conventions as in
-// sgs_renderer_backward. d_mean_no_sh: [count][3], dL/dmean without the part through the SH
-// direction, or NULL.
+// sgs_renderer_backward, but the derivative of the clamp of alpha is 1. d_mean_no_sh: [count][3],
+// dL/dmean without the part through the SH direction, or NULL.
 SGS_API sgs_status sgs_reference_backward(const double *params, size_t count,
                                           const sgs_camera *camera, const sgs_pose *pose,
                                           const sgs_render_options *options,

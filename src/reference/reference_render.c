@@ -440,18 +440,21 @@ sgs_status sgs_reference_render(const double *params, size_t count, const sgs_ca
     return status;
 }
 
-size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
-                          const sgs_pose *pose, const sgs_render_options *options, int x, int y,
-                          sgs_hit *hits, size_t capacity)
+sgs_status sgs_reference_hits(const double *params, size_t count, const sgs_camera *camera,
+                              const sgs_pose *pose, const sgs_render_options *options, int x, int y,
+                              sgs_hit *hits, size_t capacity, size_t *hit_count)
 {
+    *hit_count = 0;
     sgsi_reference_view view;
-    if (sgsi_reference_view_create(params, count, camera, pose, options, &view) != SGS_STATUS_OK)
-        return 0;
+    sgs_status status = sgsi_reference_view_create(params, count, camera, pose, options, &view);
+    if (status != SGS_STATUS_OK)
+        return status;
     size_t found = 0;
     double direction[3];
     sgs_hit *all = sgsi_alloc(count ? count : 1, sizeof *all);
     if (!all)
-        sgsi_record_error("reference: not enough memory for the hits of %zu primitives", count);
+        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "reference: not enough memory for the hits of %zu primitives", count);
     else if (x >= 0 && y >= 0 && x < camera->width && y < camera->height &&
              sgsi_reference_ray(&view, x, y, direction))
         found = sgsi_reference_trace(&view, direction, all);
@@ -459,7 +462,8 @@ size_t sgs_reference_hits(const double *params, size_t count, const sgs_camera *
         hits[k] = all[k];
     sgsi_free(all);
     sgsi_reference_view_free(&view);
-    return found;
+    *hit_count = found;
+    return status;
 }
 
 // ---- Frames ----

@@ -43,8 +43,8 @@ static void score_sums_match_the_oracle(void **state)
         for (int x = 0; x < camera.width; ++x) {
             weight[(size_t)y * stride + (size_t)x] =
                 (float)sgsi_random_uniform(5, 64 * (uint64_t)y + (uint64_t)x);
-            const size_t count = sgs_reference_hits(scene.params, scene.count, &camera, &pose,
-                                                    &traced.options, x, y, hits, scene.count);
+            const size_t count = oracle_hits(scene.params, scene.count, &camera, &pose,
+                                             &traced.options, x, y, hits, scene.count);
             for (size_t k = 0; k < count; ++k) {
                 double *sum = expected + SGSI_SCORE_COUNT * (size_t)hits[k].primitive;
                 sum[SGSI_SCORE_WEIGHT] += (double)weight[(size_t)y * stride + (size_t)x];

@@ -141,8 +141,8 @@ static double pairs_with_a_hit(const oracle_scene *scene, const sgs_camera *came
             bool seen[COUNT] = {false};
             for (int y = y0; y < y0 + side && y < HEIGHT; ++y)
                 for (int x = x0; x < x0 + side && x < WIDTH; ++x) {
-                    const size_t count = sgs_reference_hits(scene->params, scene->count, camera,
-                                                            pose, &options, x, y, hits, COUNT);
+                    const size_t count = oracle_hits(scene->params, scene->count, camera, pose,
+                                                     &options, x, y, hits, COUNT);
                     for (size_t i = 0; i < count; ++i)
                         seen[hits[i].primitive] = true;
                     const size_t last = last_primitive(&view, x, y, hits, count);

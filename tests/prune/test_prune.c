@@ -51,8 +51,8 @@ static void expect_contributions(const oracle_scene *model, const sgs_scene *sce
         bool *seen = oracle_memory(model->count, sizeof *seen);
         for (int y = 0; y < camera.height; ++y)
             for (int x = 0; x < camera.width; ++x) {
-                const size_t n = sgs_reference_hits(model->params, model->count, &camera,
-                                                    &view->pose, options, x, y, hits, model->count);
+                const size_t n = oracle_hits(model->params, model->count, &camera, &view->pose,
+                                             options, x, y, hits, model->count);
                 for (size_t k = 0; k < n; ++k) {
                     const size_t i = hits[k].primitive;
                     const double logit = model->params[i * SGS_PARAM_COUNT + SGS_PARAM_OPACITY];

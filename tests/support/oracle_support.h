@@ -173,6 +173,17 @@ static inline void oracle_scene_free(oracle_scene *scene)
     *scene = (oracle_scene){0};
 }
 
+// sgs_reference_hits, which must succeed. Returns the number of hits.
+static inline size_t oracle_hits(const double *params, size_t count, const sgs_camera *camera,
+                                 const sgs_pose *pose, const sgs_render_options *options, int x,
+                                 int y, sgs_hit *hits, size_t capacity)
+{
+    size_t found;
+    if (sgs_reference_hits(params, count, camera, pose, options, x, y, hits, capacity, &found))
+        abort();
+    return found;
+}
+
 // `count` random primitives; range NULL: oracle_range_default().
 static inline oracle_scene oracle_random_model(uint64_t seed, size_t count,
                                                const oracle_range *range)

@@ -43,8 +43,8 @@ static size_t compare(const oracle_scene *scene, sgs_filter filter)
         for (int x = 0; x < camera.width; x += 9) {
             sgs_hit *hits;
             size_t count;
-            const size_t known = sgs_reference_hits(scene->params, scene->count, &camera, &pose,
-                                                    &options, x, y, expected, scene->count);
+            const size_t known = oracle_hits(scene->params, scene->count, &camera, &pose, &options,
+                                             x, y, expected, scene->count);
             assert_true(
                 ray_hits(scene->model, NULL, &camera, &pose, &options, x, y, &hits, &count));
             assert_int_equal(count, known);
@@ -84,7 +84,7 @@ static void rows_that_are_not_kept_have_no_hits(void **state)
             sgs_hit *hits;
             size_t count;
             const size_t known =
-                sgs_reference_hits(params, kept, &camera, &pose, &options, x, y, expected, kept);
+                oracle_hits(params, kept, &camera, &pose, &options, x, y, expected, kept);
             assert_true(ray_hits(scene.model, keep, &camera, &pose, &options, x, y, &hits, &count));
             assert_int_equal(count, known);
             for (size_t i = 0; i < count; ++i)

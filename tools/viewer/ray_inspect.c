@@ -63,16 +63,18 @@ typedef struct ray_query {
     int x, y;
 } ray_query;
 
-static size_t query_hits(const ray_query *query, const double *params, size_t count, sgs_hit *hits)
+// False if out of memory.
+static bool query_hits(const ray_query *query, const double *params, size_t count, sgs_hit *hits,
+                       size_t *found)
 {
-    return sgs_reference_hits(params, count, query->camera, query->pose, query->options, query->x,
-                              query->y, hits, count);
+    return !sgs_reference_hits(params, count, query->camera, query->pose, query->options, query->x,
+                               query->y, hits, count, found);
 }
 
 // The row of the first hit of a chunk that is not among its `found` hits, by a query without them.
-// Changes params. False if there is none.
+// Changes params. *any: there is one. False if out of memory.
 static bool next_hit(const ray_query *query, double *params, size_t count, sgs_hit *hits,
-                     size_t found, uint32_t *row)
+                     size_t found, uint32_t *row, bool *any)
 {
     bool counted[CHUNK] = {false};
     uint32_t rows[CHUNK];
@@ -85,9 +87,11 @@ static bool next_hit(const ray_query *query, double *params, size_t count, sgs_h
                     SGS_PARAM_COUNT * sizeof *params);
             rows[kept++] = (uint32_t)i;
         }
-    if (!query_hits(query, params, kept, hits))
+    size_t next;
+    if (!query_hits(query, params, kept, hits, &next))
         return false;
-    *row = rows[hits[0].primitive];
+    *any = next > 0;
+    *row = next ? rows[hits[0].primitive] : 0;
     return true;
 }
 
@@ -98,16 +102,19 @@ static bool add_chunk(const ray_query *query, double *params, size_t first, size
 {
     const double may_end =
         0.0101; // alpha is at most 0.99: then T is below 1e-4 behind the next hit
-    const size_t found = query_hits(query, params, count, hits);
+    size_t found;
+    if (!query_hits(query, params, count, hits, &found))
+        return false;
     if (!found)
         return true;
     const sgs_hit *last = &hits[found - 1];
     const bool ends = last->transmittance * (1 - last->alpha) < may_end;
     sgs_hit end = {0};
-    if (!add_rows(list, hits, found, first))
+    bool any = false;
+    if (!add_rows(list, hits, found, first) ||
+        (ends && !next_hit(query, params, count, hits, found, &end.primitive, &any)))
         return false;
-    return !ends || !next_hit(query, params, count, hits, found, &end.primitive) ||
-           add_rows(list, &end, 1, first);
+    return !any || add_rows(list, &end, 1, first);
 }
 
 static bool find_rows(const sgs_gaussians *model, const unsigned char *keep, const ray_query *query,
@@ -147,11 +154,11 @@ bool ray_hits(const sgs_gaussians *model, const unsigned char *keep, const sgs_c
             qsort(list.rows, list.count, sizeof *list.rows, compare_rows);
         for (size_t i = 0; i < list.count; ++i)
             load_row(model, keep, list.rows[i], params + i * SGS_PARAM_COUNT);
-        *count =
-            sgs_reference_hits(params, list.count, camera, pose, options, x, y, *hits, list.count);
+        done = query_hits(&query, params, list.count, *hits, count);
         for (size_t i = 0; list.rows && i < *count; ++i)
             (*hits)[i].primitive = list.rows[(*hits)[i].primitive];
-    } else {
+    }
+    if (!done) {
         free(*hits);
         *hits = NULL;
     }

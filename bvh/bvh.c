@@ -99,6 +99,12 @@ static sgs_status embree_failure(int error, const char *doing)
     }
 }
 
+sgs_status sgsi_embree_device_failure(void)
+{
+    const int error = (int)rtcGetDeviceError(NULL);
+    return embree_failure(error == RTC_ERROR_NONE ? RTC_ERROR_UNKNOWN : error, "creating a device");
+}
+
 // Embree's two-level builder opens the boxes of up to four primitives. It ends the program if all
 // are the same point, as those of primitives that the view cannot see.
 enum { FEW = 8 };
@@ -143,9 +149,7 @@ sgs_status sgsi_bvh_create(sgsi_bvh **bvh)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a BVH");
     if (!acquire_device()) {
         sgsi_free(created);
-        const int error = rtcGetDeviceError(NULL);
-        return embree_failure(error == RTC_ERROR_NONE ? RTC_ERROR_UNKNOWN : error,
-                              "creating a device");
+        return sgsi_embree_device_failure();
     }
     *bvh = created;
     return SGS_STATUS_OK;

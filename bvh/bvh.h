@@ -31,8 +31,8 @@ typedef enum sgsi_bvh_quality {
     SGSI_BVH_QUALITY_COUNT
 } sgsi_bvh_quality;
 
-// Fails with OUT_OF_MEMORY, or UNSUPPORTED if Embree has no device for this processor; *bvh is then
-// NULL.
+// Fails with OUT_OF_MEMORY, UNSUPPORTED if Embree has no device for this processor, or INTERNAL
+// (Embree); *bvh is then NULL.
 sgs_status sgsi_bvh_create(sgsi_bvh **bvh);
 void sgsi_bvh_destroy(sgsi_bvh *bvh); // accepts NULL
 

@@ -157,7 +157,11 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
     char config[32]; // rtcBuildBVH cannot be joined: it runs on Embree's own threads
     snprintf(config, sizeof config, "threads=%d", sgsi_threads());
     RTCDevice device = rtcNewDevice(config);
-    RTCBVH tree = device ? rtcNewBVH(device) : NULL;
+    if (!device) {
+        sgsi_free(primitives);
+        return sgsi_embree_device_failure();
+    }
+    RTCBVH tree = rtcNewBVH(device);
     const tree_node *root = NULL;
     if (primitives && tree && listed) {
         struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
@@ -192,8 +196,7 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
     const bool failed = !primitives || !tree || (listed && !root);
     if (tree)
         rtcReleaseBVH(tree);
-    if (device)
-        rtcReleaseDevice(device);
+    rtcReleaseDevice(device);
     sgsi_free(primitives);
     return failed ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                               "not enough memory to measure a tree over %zu boxes", count)

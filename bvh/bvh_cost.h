@@ -22,6 +22,7 @@ typedef struct sgsi_bvh_cost {
 } sgsi_bvh_cost;
 
 // Builds the tree over `built` [count] and refits it to `bounds` [count]. Both may be the same
-// array. Allocates about 200 bytes per box. Fails with OUT_OF_MEMORY; *cost is then zeroed.
+// array. Allocates about 200 bytes per box. Fails with OUT_OF_MEMORY, or UNSUPPORTED or INTERNAL if
+// Embree has no device; *cost is then zeroed.
 sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bounds, size_t count,
                                  sgsi_bvh_quality quality, sgsi_bvh_cost *cost);

@@ -9,6 +9,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "sparegs/status.h"
+
 #if SGSI_EMBREE_MAJOR >= 4
 #include <embree4/rtcore.h>
 #else
@@ -60,3 +62,7 @@ static inline void sgsi_rtc_occluded16(const int *valid, RTCScene scene, sgsi_rt
     rtcOccluded16(valid, scene, context, rays);
 }
 #endif
+
+// Why rtcNewDevice returned NULL to this thread: fails with OUT_OF_MEMORY, UNSUPPORTED (processor)
+// or INTERNAL.
+sgs_status sgsi_embree_device_failure(void);

@@ -118,7 +118,8 @@ typedef struct sgs_renderer sgs_renderer;
 
 // Creates a renderer; release it with sgs_renderer_destroy. The model must outlive it; call
 // sgs_renderer_update or sgs_renderer_refit after every change. The first rendering builds the BVH.
-// Fails with OUT_OF_MEMORY or UNSUPPORTED (no Embree device); *renderer is then NULL.
+// Fails with OUT_OF_MEMORY, UNSUPPORTED (no Embree device for this processor) or INTERNAL (Embree);
+// *renderer is then NULL.
 SGS_API sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
 SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
 // Limit of the memory for ray tables, bytes; 1 GiB initially. A renderer keeps the tables of recent

@@ -486,8 +486,10 @@ void *__wrap_rtcNewGeometry(void *device, int type)
 static void a_missing_device_reports_the_reason(void **state)
 {
     (void)state;
-    enum { NONE = 0, OUT_OF_MEMORY = 4 }; // RTC_ERROR_*
+    enum { NONE = 0, OUT_OF_MEMORY = 4, UNSUPPORTED_CPU = 5 }; // RTC_ERROR_*
     sgsi_bvh *bvh;
+    const sgsi_bounds box = {.upper = {1, 1, 1}};
+    sgsi_bvh_cost cost = {.cost = 1};
     device_fails = true;
     device_error = OUT_OF_MEMORY;
     assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OUT_OF_MEMORY);
@@ -496,6 +498,12 @@ static void a_missing_device_reports_the_reason(void **state)
     device_error = NONE;
     assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_INTERNAL);
     assert_string_equal(sgs_last_error(), "Embree failed while creating a device");
+    device_error = UNSUPPORTED_CPU;
+    assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_UNSUPPORTED);
+    assert_int_equal(sgsi_bvh_cost_measure(&box, &box, 1, SGSI_BVH_LOW, &cost),
+                     SGS_STATUS_UNSUPPORTED);
+    assert_string_equal(sgs_last_error(), "Embree does not support this processor");
+    assert_true(cost.cost == 0);
     device_fails = false;
     assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OK);
     sgsi_bvh_destroy(bvh);

@@ -5,13 +5,14 @@
 //
 // Exact order without sorting lanes. The entries of a block are sorted along its centre ray; in
 // another lane, two of them may be swapped. Blending needs the order only for the transmittance in
-// front of each hit, T_i = product of (1 - alpha_j) over the hits with t_j < t_i (ties: |delta|,
-// then id). Nothing is moved. The running product gives T_i where the orders agree. Where an entry
-// lies in front of earlier ones in some lane (its t is below the running maximum), each such pair
-// is corrected: the factor moves from the T of one to the T of the other. This is done for four
-// entries against four at a time, so that sixteen pairs share their loads and stores. The few
-// groups with an entry in front of an earlier group are corrected after all groups are evaluated.
-// Entries keep their places, so colours and gradient sums stay uniform over the lanes.
+// front of each hit, T_i = product of (1 - alpha_j) over the hits with t_j < t_i (ties: the order
+// of the list, see in_front). Nothing is moved. The running product gives T_i where the orders
+// agree. Where an entry lies in front of earlier ones in some lane (its t is below the running
+// maximum), each such pair is corrected: the factor moves from the T of one to the T of the other.
+// This is done for four entries against four at a time, so that sixteen pairs share their loads and
+// stores. The few groups with an entry in front of an earlier group are corrected after all groups
+// are evaluated. Entries keep their places, so colours and gradient sums stay uniform over the
+// lanes.
 //
 // Termination without order. A hit counts iff T_i (1 - alpha_i) >= 1e-4. Along a ray this product
 // decreases, so the rule is "stop before the first hit that would take T below 1e-4".
@@ -140,8 +141,9 @@ static inline void put_sentinels(const hit_rows *rows)
 }
 
 // Mask of the lanes in which an entry at distance t_j lies in front of row i, which comes later in
-// the list. Equal distances keep the order of the list: by |delta|, then by id. False for rows
-// without a hit (NaN), which hide nothing.
+// the list. Equal distances keep the order of the list: by the 15-bit key of t on the block's
+// centre ray (kernel_sort.inl), then by |delta|, then by id. False for rows without a hit (NaN),
+// which hide nothing.
 static inline vm in_front(const hit_rows *rows, vf t_j, ptrdiff_t i)
 {
     return vf_le(t_j, vf_load(rows->t + 16 * i));

@@ -3,8 +3,8 @@
 
 // The lists of a tile's blocks. Candidates of the tile are tested against a block sixteen at a
 // time, with the bounds of kernel_tile.inl, and sorted by t on the block's centre ray. The order
-// affects how many pairs a pixel finds swapped, but not the image. Fifteen bits of t therefore
-// suffice; ties stay near to far by |delta|.
+// affects how many pairs a pixel finds swapped, but not the image, except at equal t. Fifteen bits
+// of t therefore suffice; equal keys stay near to far by |delta|, then by id.
 
 // Sort keys: five bits of the float's exponent, from 2^-12, and ten bits of its mantissa.
 enum { KEY_DROPPED_BITS = 13, KEY_ORIGIN = (127 - 12) << (23 - KEY_DROPPED_BITS) };

@@ -115,7 +115,7 @@ sgsi_sum_list sgsi_tracer_records(const sgsi_tracer *tracer, size_t bucket);
 sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const sgsi_sum_list *lists, int count);
 
 // Gradients of the last forward pass, which must have kept its lists: fills the gradient sums and
-// `touched`. The number of threads must not have grown since. Fails with OUT_OF_MEMORY.
+// `touched`. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_tracer_backward(sgsi_tracer *tracer, const sgsi_view *view,
                                 const sgsi_planes *planes, float *const d_color[3],
                                 float *d_transmittance);

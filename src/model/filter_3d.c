@@ -103,23 +103,27 @@ void sgsi_filter_3d_scale(const sgs_scene *scene, const size_t *views, size_t vi
         filter_3d[i] = (filter_3d[i] < 0.0f ? farthest : filter_3d[i]) * scale;
 }
 
-double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d)
+static double opacity_factor(const float log_scale[3], double filter_3d)
 {
     double factor = 1.0;
     for (int k = 0; k < 3; ++k) {
-        const double s = exp((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k));
-        factor *= s / sqrt(s * s + (double)filter_3d * (double)filter_3d);
+        const double s = exp((double)log_scale[k]);
+        factor *= s / sqrt(s * s + filter_3d * filter_3d);
     }
     return factor;
 }
 
+double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_3d)
+{
+    float log_scale[3];
+    for (int k = 0; k < 3; ++k)
+        log_scale[k] = *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k);
+    return opacity_factor(log_scale, (double)filter_3d);
+}
+
 void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d)
 {
-    double factor = 1.0;
-    for (int k = 0; k < 3; ++k) {
-        const double s = exp((double)params[SGS_PARAM_SCALE + k]);
-        factor *= s / sqrt(s * s + filter_3d * filter_3d);
-    }
+    const double factor = opacity_factor(params + SGS_PARAM_SCALE, filter_3d);
     const double opacity = factor / (1.0 + exp(-(double)params[SGS_PARAM_OPACITY]));
     const double held = fmin(fmax(opacity, 1e-12), 1.0 - 1e-7);
     params[SGS_PARAM_OPACITY] = (float)log(held / (1.0 - held));

@@ -8,6 +8,7 @@
 #include "base/core.h"
 #include "rays/rays.h"
 
+// Less than for training: every view is traced once.
 static const size_t RAY_CACHE_BYTES = (size_t)1 << 28;
 
 typedef struct view_pass {
@@ -114,19 +115,10 @@ static sgs_status trace_view(view_pass *pass, const sgs_view *source, sgsi_trace
 
 static sgs_status check_options(const sgs_view_pass_options *options)
 {
-    const sgs_render_options *render = &options->render;
     if (options->downscale < 1 || options->downscale > 1024)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "downscale %d is not in [1, 1024]",
                          options->downscale);
-    if (render->sh_degree < 0 || render->sh_degree > 3 || !(render->near_distance >= 0) ||
-        !(render->compact_box > 0 && render->compact_box <= 1) ||
-        (unsigned)render->filter > SGS_FILTER_MIP)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "SH degree %d, near distance %g, compact box %g or filter %d is out of "
-                         "range",
-                         render->sh_degree, render->near_distance, render->compact_box,
-                         (int)render->filter);
-    return SGS_STATUS_OK;
+    return sgsi_render_options_check(&options->render);
 }
 
 sgs_status sgsi_view_pass(const sgs_gaussians *model, const sgs_scene *scene,

@@ -54,8 +54,7 @@ static sgs_status make_photo(sgs_bench *bench, sgs_renderer *renderer, size_t v,
         status = sgs_image8_from_planes(color, NULL, black, camera->width, camera->height, image);
     }
     bench->counts.pixels += (double)pixels;
-    bench->counts.tiles += (double)((camera->width + SGSI_TILE - 1) / SGSI_TILE) *
-                           ((camera->height + SGSI_TILE - 1) / SGSI_TILE);
+    bench->counts.tiles += (double)sgsi_tile_count(camera->width, camera->height);
     sgs_frame_free(&frame);
     return status;
 }

@@ -511,9 +511,7 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
             return SGS_STATUS_OK;
         }
     }
-    const size_t columns = (size_t)(camera->width + SGSI_TILE - 1) / SGSI_TILE,
-                 rows = (size_t)(camera->height + SGSI_TILE - 1) / SGSI_TILE,
-                 bytes = columns * rows * sizeof(sgsi_tile_rays);
+    const size_t bytes = sgsi_tile_count(camera->width, camera->height) * sizeof(sgsi_tile_rays);
     for (;;) {
         int oldest = -1, empty = -1;
         for (int i = 0; i < CACHE_SLOTS; ++i) {

@@ -18,6 +18,16 @@ enum {
     SGSI_MACROTILE_SIDE = 4 // maximum, tiles
 };
 
+// Limit of the ray tables of a renderer and of a trainer, bytes; see sgs_renderer_ray_limit_set.
+#define SGSI_RAY_CACHE_BYTES ((size_t)1 << 30)
+
+// Tiles of an image.
+static inline size_t sgsi_tile_count(int width, int height)
+{
+    return ((size_t)width + SGSI_TILE - 1) / SGSI_TILE *
+           (((size_t)height + SGSI_TILE - 1) / SGSI_TILE);
+}
+
 // The rays d = d0 + u e1 + v e2 of a 16x16-pixel tile, camera axes. Lane i of block b is pixel (4
 // (b % 4) + i % 4, 4 (b / 4) + i / 4).
 typedef struct sgsi_tile_rays {

@@ -18,8 +18,6 @@
 #include "base/threads.h"
 #include "trace/tracer.h"
 
-static const size_t RAY_BYTES = (size_t)1 << 30; // see sgs_renderer_ray_limit_set
-
 struct sgs_renderer {
     const sgs_gaussians *model;
     sgsi_tracer *tracer;
@@ -117,7 +115,7 @@ sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **render
     made->changed = true;
     sgs_status status = sgsi_tracer_create(&made->tracer);
     if (!status)
-        status = sgsi_ray_cache_create(RAY_BYTES, &made->rays);
+        status = sgsi_ray_cache_create(SGSI_RAY_CACHE_BYTES, &made->rays);
     if (status) {
         sgs_renderer_destroy(made);
         return status;

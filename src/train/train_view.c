@@ -13,8 +13,6 @@
 #include "train/view_shards.h"
 #include "image/photo.h"
 
-static const size_t RAY_CACHE_BYTES = (size_t)1 << 30;
-
 static sgs_status create_workspaces(sgsi_train_views *views, int width, int height, size_t planes)
 {
     views->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
@@ -25,7 +23,7 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     sgs_status status = sgsi_tracer_create(&views->tracer);
     views->rows = views->tracer;
     if (!status)
-        status = sgsi_ray_cache_create(RAY_CACHE_BYTES, &views->rays);
+        status = sgsi_ray_cache_create(SGSI_RAY_CACHE_BYTES, &views->rays);
     return status;
 }
 
@@ -65,8 +63,7 @@ static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
         if (are_trained(views) && !is_training_view(view))
             continue;
         const size_t k = views->count++;
-        const size_t tiles = (size_t)((view->camera.width + SGSI_TILE - 1) / SGSI_TILE) *
-                             (size_t)((view->camera.height + SGSI_TILE - 1) / SGSI_TILE);
+        const size_t tiles = sgsi_tile_count(view->camera.width, view->camera.height);
         views->scene_views[k] = i;
         views->tile_counts[k] = tiles;
         views->depth_bounds[k] = sgsi_alloc(tiles, sizeof(float));

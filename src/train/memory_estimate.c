@@ -29,15 +29,15 @@ enum {
     VOXEL_BYTES = 44, // of the grid of SPARE-GS
     // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
     PIXEL_BYTES = 120,
-    RAY_BYTES = 24,         // per pixel of each different camera, up to RAY_LIMIT
+    // Per pixel of each different camera, up to the limit of the ray cache, which holds at least
+    // one table: the table, and the directions from which it is made.
+    RAY_BYTES = 24,
     CANDIDATE_BYTES = 1560, // per thread and candidate of the fullest tile
     LIST_BYTES = 2800,      // per candidate of the fullest tile of an image of one tile
     CROWDING = 16,          // primitives in the fullest tile relative to the mean
-    TILE_WIDTH = 16,        // pixels
-    TILE_PIXELS = TILE_WIDTH * TILE_WIDTH,
+    TILE_PIXELS = SGSI_TILE * SGSI_TILE,
     MOST_CAMERAS = 256 // number of cameras compared with each other
 };
-static const size_t RAY_LIMIT = (size_t)1 << 30;
 
 // Pixels of all different cameras.
 static size_t ray_pixels(const sgs_scene *scene)
@@ -71,11 +71,13 @@ static size_t grid_bytes(const sgs_train_options *options)
     return options->spare & (SGS_SPARE_BMD | SGS_SPARE_RAP) ? grid * grid * grid * VOXEL_BYTES : 0;
 }
 
-static size_t tile_count(const sgs_camera *camera)
+// Bytes of the ray tables; `largest`: pixels of the largest camera.
+static size_t ray_bytes(const sgs_scene *scene, size_t largest, bool reduces)
 {
-    const size_t width = (size_t)camera->width + TILE_WIDTH - 1,
-                 height = (size_t)camera->height + TILE_WIDTH - 1;
-    return width / TILE_WIDTH * (height / TILE_WIDTH);
+    const size_t tables = ray_pixels(scene) * RAY_BYTES * (reduces ? 5 : 4) / 4,
+                 kept = tables < SGSI_RAY_CACHE_BYTES ? tables : SGSI_RAY_CACHE_BYTES,
+                 one = largest * RAY_BYTES;
+    return kept > one ? kept : one;
 }
 
 // Bytes for the primitives of a rank: its own ones, and what depends on all.
@@ -100,7 +102,7 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
         const sgs_view *view = &scene->views[i];
         const size_t pixels = (size_t)view->camera.width * (size_t)view->camera.height;
         largest = pixels > largest ? pixels : largest;
-        tiles += tile_count(&view->camera);
+        tiles += sgsi_tile_count(view->camera.width, view->camera.height);
     }
     const bool cached = image_cache && scene->photo_bytes > image_cache;
     size_t photos = cached ? image_cache : scene->photo_bytes;
@@ -122,11 +124,10 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t batch_bytes = own.batch > 1 ? (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
-    const size_t rays = ray_pixels(scene) * RAY_BYTES * (reduces ? 5 : 4) / 4;
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photos +
-           largest * PIXEL_BYTES + (rays < RAY_LIMIT ? rays : RAY_LIMIT) +
+           largest * PIXEL_BYTES + ray_bytes(scene, largest, reduces) +
            row_bytes(rows, ROW_BYTES + batch_bytes, scores, ranks < 1 ? 1 : ranks) + lists +
            tiles * TILE_BYTES * (ranks > 1 ? 2 : 1) + grid_bytes(&own);
 }

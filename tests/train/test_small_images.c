@@ -175,6 +175,25 @@ static void the_memory_of_tiles_and_scores_is_estimated(void **state)
     free(views);
 }
 
+// 24 bytes per pixel for the rays and 120 for the images, also if one table exceeds the limit of 1
+// GiB, and 4 per tile.
+static void the_rays_of_a_camera_beyond_the_limit_are_estimated(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run();
+    sgs_view view = scene->views[0];
+    sgs_scene one = *scene;
+    size_t bytes[2];
+    one.views = &view;
+    one.view_count = 1;
+    view.camera.height = 16384;
+    for (int wide = 0; wide < 2; ++wide) {
+        view.camera.width = 4096 << wide;
+        bytes[wide] = sgs_train_memory(&one, &options, 0, 0);
+    }
+    assert_int_equal(bytes[1] - bytes[0], (size_t)4096 * 16384 * (24 + 120) + 4 * 256 * 1024);
+}
+
 // Photos in half floats are not reduced.
 static void float_photos_keep_their_size(void **state)
 {
@@ -298,6 +317,7 @@ int main(void)
         cmocka_unit_test(the_schedule_is_known_before_the_photos),
         cmocka_unit_test(the_memory_of_the_grid_is_estimated),
         cmocka_unit_test(the_memory_of_tiles_and_scores_is_estimated),
+        cmocka_unit_test(the_rays_of_a_camera_beyond_the_limit_are_estimated),
         cmocka_unit_test(float_photos_keep_their_size),
         cmocka_unit_test(a_resumed_run_has_the_same_sizes),
         cmocka_unit_test(runs_with_a_model_have_the_full_size),

@@ -147,7 +147,14 @@ typedef struct sgs_exr_info {
     // window begins at (0, 0), the data window at (-overscan, -overscan). `intrinsics` and
     // world_to_ndc refer to the display window.
     int overscan;
+    // Space of the channels R, G and B: text attribute "colorInteropID", which names colour spaces
+    // as the ASWF Color Interop Forum does, or NULL.
+    const char *color_space;
 } sgs_exr_info;
+
+// Values of color_space: linear light, and the encoding of sRGB.
+#define SGS_COLOR_LINEAR "lin_rec709_scene"
+#define SGS_COLOR_SRGB "srgb_rec709_scene"
 
 // A frame rate as the rational number numerator / denominator, both > 0. Rates from 23.976 on that
 // are within 0.002 of 1000/1001 of the next integer, such as 29.97, stand for that (SMPTE ST 12-1),

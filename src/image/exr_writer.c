@@ -187,6 +187,8 @@ static exr_result_t set_attributes(exr_context_t context, const sgs_exr_info *in
     if (!result)
         result = set_text(context, "software", software);
     if (!result)
+        result = set_text(context, "colorInteropID", info->color_space);
+    if (!result)
         result = set_text(context, "sparegs:depthDefinition", info->depth_definition);
     if (!result)
         result = set_text(context, "sparegs:view", info->view_name);

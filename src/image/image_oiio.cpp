@@ -400,7 +400,12 @@ bool is_display_gamma(const std::string &name)
 sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
                          Colors &colors)
 {
-    std::string space = colorspace ? colorspace : spec.get_string_attribute("oiio:ColorSpace");
+    // OpenImageIO 2.4 does not read colorInteropID, and calls all EXR files with floats linear.
+    const std::string interop = spec.get_string_attribute("colorInteropID");
+    std::string space = colorspace ? colorspace
+                        : interop.compare(0, 11, "srgb_rec709") == 0
+                            ? "sRGB"
+                            : spec.get_string_attribute("oiio:ColorSpace");
     if (space.empty())
         space = spec.format.is_floating_point() ? "linear" : "sRGB";
     const std::string name = lower(space);
@@ -587,6 +592,7 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
         if (opened)
             return opened;
         const OIIO::ImageSpec &spec = input->spec();
+        const bool is_exr = std::strcmp(input->format_name(), "openexr") == 0;
         *info = {spec.width,
                  spec.height,
                  layout.channels,
@@ -594,6 +600,8 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
                  colors.encoding != Encoding::srgb,
                  spec.full_width,
                  spec.full_height,
+                 is_exr ? spec.x - spec.full_x : 0,
+                 is_exr ? spec.y - spec.full_y : 0,
                  spec.get_int_attribute("Orientation", 1)};
         return SGS_STATUS_OK;
     });

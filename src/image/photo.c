@@ -68,6 +68,11 @@ sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info
                own = camera->width == info->width && camera->height == info->height;
     const double stretch =
         (double)info->full_width * camera->height / ((double)info->full_height * camera->width);
+    if (whole && (info->left || info->top))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: its data window is moved by (%d, %d) pixels from the display window; "
+                         "save the image with equal windows",
+                         path, info->left, info->top);
     if (whole || own || !camera->width || !(fabs(stretch - 1) <= 0.02))
         return SGS_STATUS_OK;
     return sgsi_fail(SGS_STATUS_FORMAT,

@@ -78,7 +78,7 @@ if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 300000000 ]; then
     reports "larger --max-memory"
     check nothing_is_written test ! -e "$temporary/huge/config.json"
     run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge" --max-memory 100T
-    reports "no memory for"
+    reports "not enough memory for"
     check warns_once test "$(grep -c 'no points3D' "$temporary/stderr")" = 1
 fi
 finish

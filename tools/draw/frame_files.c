@@ -220,7 +220,8 @@ typedef struct view_matrices {
     double to_camera[16], to_ndc[16], intrinsics[4];
 } view_matrices;
 
-static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matrices *matrices)
+static sgs_exr_info describe(const frame_files *files, bool any_depth, bool any_color,
+                             view_matrices *matrices)
 {
     // Of the display window.
     const sgs_camera shown = camera_with_border(files->camera, -files->overscan);
@@ -245,7 +246,10 @@ static sgs_exr_info describe(const frame_files *files, bool any_depth, view_matr
                           .view_name = files->name,
                           .compression = files->compression,
                           .frame_rate = files->frame_rate,
-                          .overscan = files->overscan};
+                          .overscan = files->overscan,
+                          .color_space = !any_color                    ? NULL
+                                         : files->encoding == EXR_SRGB ? SGS_COLOR_SRGB
+                                                                       : SGS_COLOR_LINEAR};
 }
 
 static bool write_exr(const frame_files *files, const char *path, const sgs_frame *frame,
@@ -254,7 +258,7 @@ static bool write_exr(const frame_files *files, const char *path, const sgs_fram
     sgs_exr_channel channels[EXR_CHANNELS];
     view_matrices matrices;
     const bool any_depth = files->aovs & (AOV_DEPTH | AOV_DEPTH_MEDIAN | AOV_DEPTH_FIRST);
-    const sgs_exr_info info = describe(files, any_depth, &matrices);
+    const sgs_exr_info info = describe(files, any_depth, files->aovs & AOV_RGBA, &matrices);
     if (!make_folder_of(path))
         return false;
     if (sgs_exr_write(path, &info, channels, list_channels(files, frame, made, channels))) {
@@ -301,7 +305,7 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
         return NULL;
     }
     view_matrices matrices;
-    sgs_exr_info info = describe(files, true, &matrices);
+    sgs_exr_info info = describe(files, true, true, &matrices);
     info.depth_definition = files->axis_depth ? deep_axis_depth : deep_ray_depth;
     *file = (deep_file){.files = files,
                         .frame = frame,

@@ -415,13 +415,13 @@ done
 check the_model_is_intact cmp "$ply" "$temporary/own.ply"
 cp "$ply" "$temporary/kept.ply"
 run 2 compress "$model" -o "$ply"
-reports "--output: $ply is an input of this command; choose another file"
+reports "--output: $ply is a file of a run; choose another file"
 run 2 prune "$model" "$room" --method refine --ratio 0.5 -o "$ply"
 reports "--output: $ply is an input of this command; choose another file"
 run 2 prune "$model" "$room" --method refine --ratio 0.5 -o "$temporary/same.ply" --scores "$ply"
-reports "--scores: $ply is an input of this command; choose another file"
+reports "--scores: $ply is a file of a run; choose another file"
 run 2 profile "$model" "$room" --trace "$ply"
-reports "--trace: $ply is an input of this command; choose another file"
+reports "--trace: $ply is a file of a run; choose another file"
 mkdir "$temporary/ratios" && cp "$ply" "$temporary/ratios/prune_0.3.ply"
 run 2 prune "$temporary/ratios/prune_0.3.ply" "$room" --method refine --ratio 0.3,0.5 -o "$temporary/ratios"
 reports "--output: $temporary/ratios/prune_0.3.ply is an input of this command; choose another file"
@@ -436,6 +436,43 @@ run 2 prune "$ply" "$room" --method refine --ratio 0.5 -o "$temporary/same.ply" 
 reports "--scores and --output are both $temporary/same.ply; choose different files"
 run 2 report "$temporary" --html "$temporary/same" --markdown "$temporary/same"
 reports "--markdown and --html are both $temporary/same; choose different files"
+
+# an_output_that_is_a_file_of_a_run_or_an_experiment_is_refused
+cp -r "$model" "$temporary/guarded"
+mkdir "$temporary/plan"
+echo '{"plan": {"pipelines": []}, "runs": []}' >"$temporary/plan/results.json"
+echo own >"$temporary/plan/results.csv"
+ln -s guarded "$temporary/linked_run"
+ln -s guarded/config.json "$temporary/linked.json"
+digests() { (cd "$temporary" && find guarded plan -type f -exec sha256sum {} + | LC_ALL=C sort); }
+before=$(digests)
+refuses_file() { # NAME PATH ARGUMENTS...: the output NAME at PATH
+    run 2 "${@:3}" "$2"
+    one_line
+    reports "$1: $2 is a file of ${owner:-a run}; choose another file"
+}
+run_folder=$temporary/guarded
+refuses_file --output "$run_folder/config.json" compress "$run_folder" -o
+refuses_file --output "$run_folder/checkpoint/state.bin" compress "$temporary/own.ply" -o
+refuses_file --output "$temporary/linked_run/regions.bin" decompress "$temporary/pack" -o
+refuses_file --output "$temporary/linked.json" compress "$temporary/own.ply" -o
+refuses_file --output "$run_folder/input.ply" prune "$ply" "$room" --method refine --ratio 0.5 -o
+refuses_file --scores "$run_folder/cameras.json" prune "$run_folder" "$room" --method refine --scores
+refuses_file --trace "$run_folder/summary.json" train "$room" -o "$temporary/traced" --iterations 1 --trace
+refuses_file --trace "$temporary/traced/train.csv" train "$room" -o "$temporary/traced" --iterations 1 --trace
+refuses_file --trace "$temporary/./traced/checkpoint/x" train "$room" -o "$temporary/traced/" --iterations 1 --trace
+refuses_file OUT "$run_folder/input.ply" convert "$ply"
+refuses_file OUT "$run_folder/point_cloud/iteration_40/point_cloud.ply" convert "$temporary/own.ply"
+owner="an experiment" refuses_file --markdown "$temporary/plan/results.json" report "$temporary/plan" --markdown
+owner="an experiment" refuses_file --html "$temporary/plan/results.csv" report "$temporary/plan" --html
+check no_file_has_changed test "$before" = "$(digests)"
+check no_run_was_started test ! -e "$temporary/traced"
+run 0 convert "$ply" "$run_folder/smaller.ply" --filter-opacity 0.5 # other names are free
+run 0 convert "$ply" "$run_folder/point_cloud/iteration_40/point_cloud.spz"
+mkdir "$temporary/no_run"
+echo '{"model": "other"}' >"$temporary/no_run/config.json"
+run 0 convert "$ply" "$temporary/no_run/input.ply"
+
 run 2 eval "$ply" "$room" --test-images ,
 reports "--test-images: ',' contains no name"
 run 2 convert "$ply" ""

@@ -18,6 +18,7 @@
 #include "cli/option_values.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/run_files.h"
 
 enum { HELP_INDENT = 30, HELP_WIDTH = 100, NEEDS_MOST = 200 };
 
@@ -338,6 +339,13 @@ int refuse_input(const char *name, const char *path)
     return fail_usage("--%s: %s is an input of this command; choose another file", name, path);
 }
 
+int refuse_file_of_run(const char *name, const char *path, const char *out)
+{
+    const char *owner = run_file_owner(path, out);
+    return owner ? fail_usage("--%s: %s is a file of %s; choose another file", name, path, owner)
+                 : -1;
+}
+
 static const char *path_of(const option_group *group, size_t i)
 {
     const option *row = &group->options[i];
@@ -385,8 +393,11 @@ static int check_outputs_apart(const command_line *line)
         status = refuse_outputs_at(line, line->operands[k]);
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count && status < 0; ++i) {
+            const option *output = &line->groups[g].options[i];
             const char *path = output_of(&line->groups[g], i);
-            status = path ? check_apart(line, &line->groups[g].options[i], path) : -1;
+            status = path ? check_apart(line, output, path) : -1;
+            if (path && status < 0)
+                status = refuse_file_of_run(output->name, path, NULL);
         }
     return status;
 }

@@ -34,7 +34,8 @@ typedef enum option_kind {
 typedef enum option_path {
     PATH_NONE,   // no path, or a name inside the scene
     PATH_INPUT,  // a file or folder that exists
-    PATH_OUTPUT, // a file to write; a usage error if it is an input, or another output
+    PATH_OUTPUT, // a file to write; a usage error if it is an input, another output, or a file of a
+                 // run or an experiment
     PATH_BLOCK   // PATH:K, a file that exists and a number; a text without ':' is no path
 } option_path;
 
@@ -135,3 +136,6 @@ bool same_file(const char *a, const char *b);
 int refuse_outputs_at(const command_line *line, const char *input);
 // Refuses the output --name, which would replace an input; returns EXIT_USAGE.
 int refuse_input(const char *name, const char *path);
+// Refuses the output --name, which would replace a file of a run or an experiment (run_files.h):
+// returns -1 to continue, or EXIT_USAGE. The parser has checked the options with PATH_OUTPUT.
+int refuse_file_of_run(const char *name, const char *path, const char *out);

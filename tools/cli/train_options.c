@@ -363,7 +363,7 @@ int train_output_check(const train_values *values, const command_line *line)
     if (!values->output)
         return fail_usage("train requires an output folder, -o OUT; usage: sparegs train %s",
                           line->synopsis);
-    return -1;
+    return values->trace ? refuse_file_of_run("trace", values->trace, values->output) : -1;
 }
 
 int train_values_check(const train_values *values, const command_line *line)

@@ -18,6 +18,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "cli/run_files.h"
 #include "cli/shared_options.h"
 #include "draw/region_map.h"
 #include "run/model_filter.h"
@@ -671,6 +672,9 @@ int command_convert(int argc, char **argv)
     const char *out = call.line.operands[1];
     if (same_file(out, call.line.operands[0]))
         return refuse_input_at(out);
+    const char *owner = run_file_owner(out, NULL);
+    if (owner)
+        return fail_usage("OUT: %s is a file of %s; choose another file", out, owner);
     if (!check_output(out))
         return EXIT_FAILED;
     interrupt_watch();

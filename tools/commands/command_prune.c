@@ -454,7 +454,7 @@ static char *output_path(const pruning *p, int k)
                : format_text("%s", p->values->output);
 }
 
-// Refuses a model at `path` that would replace the input or a table.
+// Refuses a model at `path` that would replace the input, a table, or a file of a run.
 static int refuse_replacing(const pruning *p, const char *path)
 {
     if (same_file(path, p->located.ply_path))
@@ -465,7 +465,7 @@ static int refuse_replacing(const pruning *p, const char *path)
         if (tables[t] && same_file(path, tables[t]))
             return fail_usage("--%s and --output are both %s; choose different files", names[t],
                               path);
-    return -1;
+    return refuse_file_of_run("output", path, NULL);
 }
 
 // Checks before the work that the files can be written and replace nothing of the command. Returns

@@ -24,6 +24,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "cli/run_files.h"
 #include "run/exposure_file.h"
 #include "run/lock_file.h"
 #include "sparegs/model_file.h"
@@ -128,13 +129,6 @@ bool run_folder_admits(const run_folder *folder, bool overwrite, const char *adv
 }
 
 // ---- An earlier run ----
-
-// Files of a run. config.json marks the folder as a run. It is moved last, and first on the way
-// back, so that a run in OUT/previous.next is complete if it has config.json.
-static const char *const run_entries[] = {
-    "point_cloud",   "cameras.json", "input.ply",   "train.csv",  "spare.csv",
-    "exposure.json", "summary.json", "regions.bin", "checkpoint", "config.json"};
-enum { RUN_ENTRIES = sizeof run_entries / sizeof *run_entries };
 
 static char *previous_path(const run_folder *folder, const char *kind)
 {

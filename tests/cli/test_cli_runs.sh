@@ -247,6 +247,21 @@ for option in --eval --overwrite; do
 done
 check only_the_model_is_there test "$(cd "$temporary/foreign" && find . -type f)" = "./point_cloud/iteration_30000/point_cloud.ply"
 
+for name in cameras.json summary.json input.ply train.csv checkpoint/state.bin; do
+    mkdir -p "$(dirname "$temporary/own/$name")"
+    echo mine >"$temporary/own/$name"
+    for option in --eval --overwrite; do
+        run 1 train "${data[@]}" -o "$temporary/own" --iterations 3 $option
+        one_line
+        reports "own: contains ${name/checkpoint*/a checkpoint}, but no config.json: the output of another program"
+    done
+    check only_my_file_is_there test "$(cd "$temporary/own" && find . -type f -exec grep -H . {} +)" = "./$name:mine"
+    rm "$temporary/own/$name"
+done
+mkdir -p "$temporary/own/point_cloud" "$temporary/own/checkpoint"
+echo mine >"$temporary/own/notes.txt"
+run 0 train "${data[@]}" -o "$temporary/own" --iterations 3
+
 # other_folders_are_not_removed
 mkdir "$out/previous.old"
 touch "$out/previous.old/mine"

@@ -109,17 +109,49 @@ bool run_folder_has_results(const run_folder *folder)
     return has_results(folder->path);
 }
 
-bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice)
+// True if a run can be resumed, also if it was killed while it saved a checkpoint.
+static bool has_state(const char *folder)
+{
+    static const char *const names[] = {"state", "state.next", "state.previous"};
+    bool has = false;
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        char *path = format_text("%s/checkpoint/%s.bin", folder, names[k]);
+        has = has || file_exists(path);
+        free(path);
+    }
+    return has;
+}
+
+// What a new run would replace in a folder into which sparegs has never written, or NULL.
+static const char *foreign_entry(const run_folder *folder)
 {
     char model[4096];
     int iteration;
+    if (folder->was_locked || run_folder_is_used(folder))
+        return NULL;
+    if (!sgs_run_model_path(folder->path, model, sizeof model, &iteration))
+        return "models";
+    if (has_state(folder->path))
+        return "a checkpoint";
+    const char *found = NULL;
+    for (int k = 0; k < RUN_ENTRIES && !found; ++k) {
+        struct stat info;
+        char *path = format_text("%s/%s", folder->path, run_entries[k]);
+        if (!stat(path, &info) && !S_ISDIR(info.st_mode))
+            found = run_entries[k];
+        free(path);
+    }
+    return found;
+}
+
+bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice)
+{
     const bool used = run_folder_is_used(folder);
-    const bool foreign = !used && !folder->was_locked &&
-                         !sgs_run_model_path(folder->path, model, sizeof model, &iteration);
+    const char *foreign = foreign_entry(folder);
     if (foreign) {
-        fail_run("%s: contains models, but no config.json: the output of another program; "
-                 "move it away, or choose another folder",
-                 folder->path);
+        fail_run("%s: contains %s, but no config.json: the output of another program; move it "
+                 "away, or choose another folder",
+                 folder->path, foreign);
         run_folder_leave(folder);
         return false;
     }
@@ -198,19 +230,6 @@ void run_folder_restore(const run_folder *folder)
     if (move_run(next, folder->path, true))
         rmdir(next);
     free(next);
-}
-
-// True if a run can be resumed, also if it was killed while it saved a checkpoint.
-static bool has_state(const char *folder)
-{
-    static const char *const names[] = {"state", "state.next", "state.previous"};
-    bool has = false;
-    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
-        char *path = format_text("%s/checkpoint/%s.bin", folder, names[k]);
-        has = has || file_exists(path);
-        free(path);
-    }
-    return has;
 }
 
 bool run_folder_keep_previous(const run_folder *folder)

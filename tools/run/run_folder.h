@@ -34,8 +34,8 @@ void run_folder_leave(const run_folder *folder);
 // True if the folder contains the config.json of an earlier run.
 bool run_folder_is_used(const run_folder *folder);
 
-// False after printing the error if a new run would replace models of another program, or an
-// earlier run without `overwrite`; then the message ends with the advice.
+// False after printing the error if a new run would replace models or other files of another
+// program, or an earlier run without `overwrite`; then the message ends with the advice.
 bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice);
 
 // Makes room for a new run, in two steps. set_aside moves all files of the earlier run to

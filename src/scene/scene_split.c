@@ -141,14 +141,43 @@ static sgs_status split_by_names(sgs_scene *scene, const char *list)
     return status;
 }
 
+// True if one name is the other with folders in front of it.
+static bool differs_by_folders(const char *a, const char *b)
+{
+    const size_t length_a = strlen(a), length_b = strlen(b);
+    const char *longer = length_a > length_b ? a : b, *shorter = length_a > length_b ? b : a;
+    const size_t extra = length_a > length_b ? length_a - length_b : length_b - length_a;
+    return extra && longer[extra - 1] == '/' && !strcmp(longer + extra, shorter);
+}
+
+ptrdiff_t sgs_scene_find_recorded(const sgs_scene *scene, const char *name, bool other_folders)
+{
+    ptrdiff_t found = -1;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        if (!strcmp(scene->views[i].name, name))
+            return (ptrdiff_t)i;
+    for (size_t i = 0; i < scene->view_count && other_folders; ++i) {
+        if (!differs_by_folders(scene->views[i].name, name))
+            continue;
+        if (found >= 0)
+            return -1;
+        found = (ptrdiff_t)i;
+    }
+    return found;
+}
+
 // Split by recorded names, independent of views that were removed since.
 static void split_by_record(sgs_scene *scene, const sgs_scene_options *options)
 {
-    for (size_t i = 0; i < scene->view_count; ++i) {
+    bool others = true; // none of the names is exact: the folders of all images changed
+    for (size_t i = 0; i < scene->view_count; ++i)
         scene->views[i].split = SGS_SPLIT_TRAIN;
-        for (size_t k = 0; k < options->held_out_count; ++k)
-            if (!strcmp(scene->views[i].name, options->held_out[k]))
-                scene->views[i].split = SGS_SPLIT_TEST;
+    for (size_t k = 0; k < options->held_out_count && others; ++k)
+        others = sgs_scene_find_recorded(scene, options->held_out[k], false) < 0;
+    for (size_t k = 0; k < options->held_out_count; ++k) {
+        const ptrdiff_t found = sgs_scene_find_recorded(scene, options->held_out[k], others);
+        if (found >= 0)
+            scene->views[found].split = SGS_SPLIT_TEST;
     }
 }
 

@@ -228,6 +228,17 @@ check no_leftover_is_there test -z "$(find "$out" -maxdepth 1 -name '*previous.*
 cp -r "$scene" "$temporary/fewer"
 run 0 train "$temporary/fewer" --downscale 8 --threads 2 --quiet -o "$temporary/held" --iterations 3 --eval
 held=$(jq -r '.test_images[]' "$temporary/held/config.json")
+# held_out_images_are_found_in_another_folder (a transforms.json of the same cameras)
+jq '{camera_model: "PINHOLE", w: 480, h: 270, frames: [.[] | .rotation as $r | .position as $p | {
+    file_path: ("images/" + .img_name), fl_x: (.fx * 480 / .width), fl_y: (.fy * 270 / .height),
+    transform_matrix: [range(3) as $i | [$r[$i][0], -$r[$i][1], -$r[$i][2], $p[$i]]]}]}' \
+    "$temporary/held/cameras.json" >"$temporary/fewer/transforms.json"
+mv "$temporary/fewer/sparse" "$temporary/sparse"
+run 0 eval "$temporary/held" "$temporary/fewer" --json --quiet
+check same_images test "$(jq -r '.images[].name' "$temporary/stdout")" = "$(sed 's,^,images/,' <<<"$held")"
+check no_warning test ! -s "$temporary/stderr"
+mv "$temporary/sparse" "$temporary/fewer/sparse"
+rm "$temporary/fewer/transforms.json"
 rm "$temporary/fewer/images/$(head -1 <<<"$held")"
 run 0 eval "$temporary/held" "$temporary/fewer" --json
 json "$temporary/stdout" ".split == \"test\" and (.images | length) == $(($(wc -l <<<"$held") - 1))"

@@ -215,6 +215,40 @@ static void halves_keep_their_value(void **state)
     sgs_scene_destroy(scene);
 }
 
+static void assert_held_out(const sgs_view_source *sources, size_t count, const char *name,
+                            const char *also, const char *expected)
+{
+    const char *const names[] = {name, also};
+    sgs_scene_options options = sgs_scene_options_default();
+    options.held_out = names;
+    options.held_out_count = also ? 2 : 1;
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_create(sources, count, NULL, NULL, 0, &options, &scene),
+                     SGS_STATUS_OK);
+    for (size_t v = 0; v < count; ++v)
+        assert_int_equal(scene->views[v].split == SGS_SPLIT_TEST, expected[v] == '1');
+    sgs_scene_destroy(scene);
+}
+
+// The names of a run that read the same photos with other folders in front.
+static void recorded_names_match_in_other_folders(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"a/1.png", "a/2.png", "b/1.png", "c/d/3.png"};
+    static const uint8_t pixels[H][W][3];
+    sgs_view_source sources[4];
+    for (int v = 0; v < 4; ++v) {
+        sources[v] = small_source(3, SGS_PIXEL_UINT8, pixels);
+        sources[v].name = names[v];
+    }
+    assert_held_out(sources, 4, "a/2.png", NULL, "0100");
+    assert_held_out(sources, 4, "2.png", NULL, "0100");
+    assert_held_out(sources, 4, "images/a/2.png", "d/3.png", "0101");
+    assert_held_out(sources, 4, "1.png", NULL, "0000");      // of two views
+    assert_held_out(sources, 4, "b/2.png", ".png", "0000");  // another folder, part of a name
+    assert_held_out(sources, 4, "a/1.png", "2.png", "1000"); // the folders are the same
+}
+
 static void masks_define_the_valid_pixels(void **state)
 {
     (void)state;
@@ -466,6 +500,7 @@ int main(void)
         cmocka_unit_test(trainers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(floats_with_strides_become_the_space_of_the_scene),
         cmocka_unit_test(halves_keep_their_value),
+        cmocka_unit_test(recorded_names_match_in_other_folders),
         cmocka_unit_test(masks_define_the_valid_pixels),
         cmocka_unit_test(bad_input_is_named),
         cmocka_unit_test(options_out_of_range_are_refused),

@@ -44,15 +44,31 @@ void run_record_milestones(json_t *config, const sgs_trainer *trainer)
     json_object_set_new(config, "milestones", json);
 }
 
+// The name in an element of a list: its member `key`, or the element itself. NULL if it is no text.
+static const char *listed_name(const json_t *element, const char *key)
+{
+    return json_string_value(key ? json_object_get(element, key) : element);
+}
+
+// True if one of the listed names is exactly that of a view. Otherwise the names are compared
+// without the folders in front, which change with the way a data set is exported.
+static bool any_exact(const sgs_scene *scene, const json_t *list, const char *key)
+{
+    for (size_t k = 0; k < json_array_size(list); ++k) {
+        const char *name = listed_name(json_array_get(list, k), key);
+        if (name && sgs_scene_find_recorded(scene, name, false) >= 0)
+            return true;
+    }
+    return false;
+}
+
 bool run_record_split_agrees(const char *config_path, const json_t *config, const sgs_scene *scene)
 {
     const json_t *list = json_object_get(config, "test_images");
+    const bool others = !any_exact(scene, list, NULL);
     for (size_t k = 0; k < json_array_size(list); ++k) {
         const char *name = json_string_value(json_array_get(list, k));
-        bool found = false;
-        for (size_t v = 0; v < scene->view_count && name && !found; ++v)
-            found = !strcmp(scene->views[v].name, name);
-        if (found)
+        if (name && sgs_scene_find_recorded(scene, name, others) >= 0)
             continue;
         fail_run("%s: the held-out image '%s' is missing from %s; restore it to resume",
                  config_path, name ? name : "?", scene->path);
@@ -61,34 +77,32 @@ bool run_record_split_agrees(const char *config_path, const json_t *config, cons
     return true;
 }
 
-// The entry of cameras.json with this image name and camera centre.
-static bool has_camera(const json_t *cameras, const sgs_view *view, double tolerance)
+// True if the entry of cameras.json has the camera centre of the view.
+static bool has_center(const json_t *camera, const sgs_view *view, double tolerance)
 {
     double center[3];
-    size_t k;
-    json_t *camera;
+    const json_t *position = json_object_get(camera, "position");
+    double distance = 0;
     sgs_pose_center(&view->pose, center);
-    json_array_foreach(cameras, k, camera)
-    {
-        const char *name = json_string_value(json_object_get(camera, "img_name"));
-        const json_t *position = json_object_get(camera, "position");
-        double distance = 0;
-        for (size_t c = 0; c < 3; ++c)
-            distance = hypot(distance, json_number_value(json_array_get(position, c)) - center[c]);
-        if (name && !strcmp(name, view->name) && distance <= tolerance)
-            return true;
-    }
-    return false;
+    for (size_t c = 0; c < 3; ++c)
+        distance = hypot(distance, json_number_value(json_array_get(position, c)) - center[c]);
+    return distance <= tolerance;
 }
 
 void run_record_check_scene(const char *folder, const sgs_scene *scene)
 {
+    static const char key[] = "img_name";
     char *path = format_text("%s/cameras.json", folder);
     json_t *cameras = load_json(path, 0, NULL);
     free(path);
     size_t same = 0;
-    for (size_t v = 0; v < scene->view_count && json_array_size(cameras); ++v)
-        same += has_camera(cameras, &scene->views[v], 1e-4 * scene->extent);
+    const bool others = !any_exact(scene, cameras, key);
+    for (size_t k = 0; k < json_array_size(cameras); ++k) {
+        const json_t *camera = json_array_get(cameras, k);
+        const char *name = listed_name(camera, key);
+        const ptrdiff_t v = name ? sgs_scene_find_recorded(scene, name, others) : -1;
+        same += v >= 0 && has_center(camera, &scene->views[v], 1e-4 * scene->extent);
+    }
     if (json_array_size(cameras) && 2 * same < scene->view_count)
         print_warning("%s: %zu of %zu cameras match those of the run %s; the scores compare "
                       "different scenes unless the model was transformed",

@@ -208,7 +208,7 @@ reports "--fps requires --video"
 run 2 render "$model" "$room" --view 0001 --fps 24 -o "$temporary/none"
 reports "--fps has no effect on --view, a still image"
 
-# existing_frames_are_skipped (a frame whose files do not all exist is rendered; the ranges of the PNGs are those of all)
+# existing_frames_are_skipped (a frame with a missing or an empty file is rendered; the ranges of the PNGs are those of all)
 frames=("$model" "$room" --orbit 4 --size 32x20 --json)
 deep=(--aov "rgba,depth" --deep --save-cameras "json,chan,usda") png=(--aov "rgba,depth" --format png)
 for kind in deep png; do
@@ -218,8 +218,9 @@ for kind in deep png; do
     cp -r "$temporary/all_$kind" "$temporary/part_$kind"
     cp "$temporary/stdout" "$temporary/all_$kind.json"
 done
-rm "$temporary/part_deep/orbit_00001.deep.exr" "$temporary/part_deep/orbit_00003.exr" "$temporary/part_deep"/cameras.*
-rm "$temporary/part_png/orbit_00000.png" "$temporary/part_png/orbit_00002.depth.png"
+rm "$temporary/part_deep/orbit_00001.deep.exr" "$temporary/part_deep"/cameras.* "$temporary/part_png/orbit_00002.depth.png"
+: >"$temporary/part_deep/orbit_00003.exr"
+: >"$temporary/part_png/orbit_00000.png"
 echo kept >"$temporary/part_deep/orbit_00002.exr"
 cp "$temporary/part_deep/orbit_00002.exr" "$temporary/all_deep/orbit_00002.exr"
 run 0 render "${frames[@]}" "${deep[@]}" --skip-existing -o "$temporary/part_deep"

@@ -525,11 +525,12 @@ bool frame_write_png(const frame_files *files, const sgs_frame *frame)
 
 // ---- Files of an earlier command ----
 
+// False for an empty file, which a full disk or another program may leave.
 static bool has_file(const char *folder, const char *stem, const char *suffix)
 {
     struct stat info;
     char *path = format_text("%s/%s%s", folder, stem, suffix);
-    const bool has = !stat(path, &info) && S_ISREG(info.st_mode);
+    const bool has = !stat(path, &info) && S_ISREG(info.st_mode) && info.st_size > 0;
     free(path);
     return has;
 }

@@ -63,5 +63,6 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame);
 bool frame_write_png(const frame_files *files, const sgs_frame *frame);
 
 // True if all files exist that frame_write_png, or else frame_write_exr, and with `deep`
-// deep_file_close would write. They are complete then: each is written as a whole.
+// deep_file_close would write, and none is empty. They are complete then: each is written as a
+// whole.
 bool frame_files_exist(const char *folder, const char *stem, unsigned aovs, bool png, bool deep);

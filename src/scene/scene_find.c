@@ -273,23 +273,34 @@ sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *i
     return fail_images(files->image_folder, images_dir);
 }
 
-char *sgsi_scene_image_path(const char *folder, const char *name)
+// The path of `stem` with the first of these extensions that exists, or NULL.
+static char *find_extension(const char *folder, const char *stem, int length)
 {
     static const char *const extensions[] = {"jpg", "JPG", "jpeg", "JPEG", "png",  "PNG", "exr",
                                              "hdr", "tif", "tiff", "TIF",  "TIFF", "EXR", "HDR"};
-    char *path = sgsi_format("%s/%s", folder, name);
-    const char *dot = strrchr(name, '.');
-    if (!path || sgsi_is_file(path) || !dot || strchr(dot, '/'))
-        return path;
     for (size_t i = 0; i < sizeof extensions / sizeof *extensions; ++i) {
-        char *other = sgsi_format("%s/%.*s%s", folder, (int)(dot + 1 - name), name, extensions[i]);
-        if (other && sgsi_is_file(other)) {
-            sgsi_free(path);
-            return other;
-        }
-        sgsi_free(other);
+        char *path = sgsi_format("%s/%.*s.%s", folder, length, stem, extensions[i]);
+        if (path && sgsi_is_file(path))
+            return path;
+        sgsi_free(path);
     }
-    return path;
+    return NULL;
+}
+
+char *sgsi_scene_image_path(const char *folder, const char *name)
+{
+    char *path = sgsi_format("%s/%s", folder, name), *other = NULL;
+    const char *dot = strrchr(name, '.');
+    if (!path || sgsi_is_file(path))
+        return path;
+    if (!sgsi_image_name_has_format(name)) // "0001", "frame.0001"
+        other = find_extension(folder, name, (int)strlen(name));
+    if (!other && dot && !strchr(dot, '/'))
+        other = find_extension(folder, name, (int)(dot - name));
+    if (!other)
+        return path;
+    sgsi_free(path);
+    return other;
 }
 
 enum { MAX_DEPTH = 8, EXAMPLES = 3 };

@@ -33,8 +33,9 @@ void sgsi_scene_files_free(sgsi_scene_files *files);
 sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *images_dir,
                                     char **chosen);
 
-// Path of photo `name`: folder/name, or if that does not exist the same name with another
-// image extension, because folders of downscaled images often change it. NULL if out of memory.
+// Path of photo `name`: folder/name, or if that does not exist the same name with an image
+// extension added or replaced: some models have none, and folders of downscaled images often change
+// it. NULL if out of memory.
 char *sgsi_scene_image_path(const char *folder, const char *name);
 
 // Counts the image files below `folder` that are not in `known` (`count` paths relative to folder,

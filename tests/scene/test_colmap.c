@@ -15,6 +15,7 @@
 #include "support/locale_support.h"
 #include "support/bad_input.h"
 #include "scene/colmap.h"
+#include "scene/scene_find.h"
 #include "support/scene_support.h"
 
 static const char *const kinds[2] = {"txt", "bin"};
@@ -673,6 +674,30 @@ static void decimal_points_do_not_depend_on_the_locale(void **state)
     tree_remove(&folder);
 }
 
+static void names_find_photos_with_another_extension_or_without_one(void **state)
+{
+    (void)state;
+    static const char *const names[][2] = {{"0001", "0001.jpg"},
+                                           {"sub/0001", "sub/0001.PNG"},
+                                           {"frame.7", "frame.7.jpg"}, // not frame.exr
+                                           {"frame.jpg", "frame.exr"},
+                                           {"frame.8", "frame.exr"},
+                                           {"v.1/0001", "v.1/0001"}, // none
+                                           {"0002", "0002"}};
+    const temp_folder folder = temp_folder_make();
+    static const char *const files[] = {"0001.jpg", "sub/0001.PNG", "frame.7.jpg", "frame.exr",
+                                        "v.exr"};
+    for (size_t k = 0; k < sizeof files / sizeof *files; ++k)
+        tree_put_text(&folder, files[k], "");
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        char *path = sgsi_scene_image_path(folder.path, names[k][0]);
+        assert_non_null(path);
+        assert_string_equal(path + strlen(folder.path) + 1, names[k][1]);
+        sgsi_free(path);
+    }
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -693,6 +718,7 @@ int main(void)
         cmocka_unit_test_setup(text_with_bom_crlf_and_tabs_is_read, warnings_begin),
         cmocka_unit_test_setup(wrong_record_count_in_text_header_is_reported, warnings_begin),
         cmocka_unit_test_setup(decimal_points_do_not_depend_on_the_locale, warnings_begin),
+        cmocka_unit_test(names_find_photos_with_another_extension_or_without_one),
     };
     return cmocka_run_group_tests_name("colmap", tests, NULL, NULL);
 }

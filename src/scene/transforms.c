@@ -44,6 +44,8 @@ enum key {
     KEY_K2,
     KEY_K3,
     KEY_K4,
+    KEY_K5,
+    KEY_K6,
     KEY_P1,
     KEY_P2,
     KEY_ANGLE_X,
@@ -52,7 +54,7 @@ enum key {
 };
 
 static const char *const key_names[KEY_COUNT] = {
-    "w",  "h",  "fl_x",           "fl_y",          "cx", "cy", "k1", "k2", "k3", "k4",
+    "w",  "h",  "fl_x",           "fl_y",          "cx", "cy", "k1", "k2", "k3", "k4", "k5", "k6",
     "p1", "p2", "camera_angle_x", "camera_angle_y"};
 
 typedef struct intrinsics {
@@ -141,32 +143,66 @@ static sgs_status read_size(const reader *r, const intrinsics *in, sgs_camera *c
     return SGS_STATUS_OK;
 }
 
+#define PERSPECTIVE_MODELS                                                                         \
+    "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV"
+#define FISHEYE_MODELS "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE"
+
+// True if `name` is one of the names in "A, B, C".
+static bool is_listed(const char *name, const char *list)
+{
+    const size_t length = strlen(name);
+    for (const char *at = list; length; at += 2) {
+        const size_t end = strcspn(at, ",");
+        if (end == length && !strncmp(at, name, length))
+            return true;
+        at += end;
+        if (!*at)
+            break;
+    }
+    return false;
+}
+
+// The first of these distortion coefficients that is not 0, or KEY_COUNT.
+static enum key first_distortion(const intrinsics *in, enum key from, enum key to)
+{
+    for (enum key key = from; key <= to; ++key)
+        if (or_else(in->value[key], 0) != 0)
+            return key;
+    return KEY_COUNT;
+}
+
 static sgs_status read_model(reader *r, const intrinsics *in, sgs_camera *camera)
 {
-    static const char *const perspective[] = {"OPENCV", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL",
-                                              "PERSPECTIVE"};
     const double *v = in->value;
     const double k1 = or_else(v[KEY_K1], 0), k2 = or_else(v[KEY_K2], 0), k3 = or_else(v[KEY_K3], 0);
     const double k4 = or_else(v[KEY_K4], 0), p1 = or_else(v[KEY_P1], 0), p2 = or_else(v[KEY_P2], 0);
     double *p = camera->params;
     const char *model = in->model ? in->model : in->fisheye ? "OPENCV_FISHEYE" : "OPENCV";
-    bool known = false;
-    for (size_t i = 0; i < sizeof perspective / sizeof *perspective; ++i)
-        known = known || !strcmp(model, perspective[i]);
+    const bool fisheye = is_listed(model, FISHEYE_MODELS);
+    const bool known = fisheye || is_listed(model, PERSPECTIVE_MODELS);
     camera->model = SGS_CAMERA_PINHOLE;
     if (!strcmp(model, "PINHOLE")) {
-        if ((k1 != 0 || k2 != 0 || k3 != 0 || k4 != 0 || p1 != 0 || p2 != 0) &&
-            !r->ignores_distortion) {
-            sgsi_warn("%s: %s: camera model PINHOLE has no distortion; k1 to k4, p1 and p2 are "
+        if (first_distortion(in, KEY_K1, KEY_P2) != KEY_COUNT && !r->ignores_distortion) {
+            sgsi_warn("%s: %s: camera model PINHOLE has no distortion; k1 to k6, p1 and p2 are "
                       "ignored; use OPENCV if the images are distorted",
                       r->path, r->where);
             r->ignores_distortion = true;
         }
         return SGS_STATUS_OK;
     }
+    // The rational model has k4 to k6 in its denominator.
+    const enum key excess = !known || !strcmp(model, "FULL_OPENCV")
+                                ? KEY_COUNT
+                                : first_distortion(in, fisheye ? KEY_K5 : KEY_K4, KEY_K6);
+    if (!known || excess != KEY_COUNT)
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: %s: camera model '%.64s'%s%s is not supported; supported: " PERSPECTIVE_MODELS
+            ", " FISHEYE_MODELS "; undistort the images or use one of these",
+            r->path, r->where, model, known ? " with " : "", known ? key_names[excess] : "");
     p[4] = k1;
     p[5] = k2;
-    if (!strcmp(model, "OPENCV_FISHEYE")) {
+    if (fisheye) {
         // As in nerfstudio, p1 and p2 act on the angle, too: a thin prism lens without prism.
         const bool tangential = p1 != 0 || p2 != 0;
         camera->model = tangential ? SGS_CAMERA_THIN_PRISM_FISHEYE : SGS_CAMERA_OPENCV_FISHEYE;
@@ -176,17 +212,15 @@ static sgs_status read_model(reader *r, const intrinsics *in, sgs_camera *camera
         p[9] = tangential ? k4 : 0;
         return SGS_STATUS_OK;
     }
-    if (!known || k4 != 0)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: %s: camera model '%.64s'%s is not supported; PINHOLE, OPENCV and "
-                         "OPENCV_FISHEYE are: undistort the images or use one of these",
-                         r->path, r->where, model, known ? " with k4" : "");
     p[6] = p1;
     p[7] = p2;
-    p[8] = k3; // the rational model with denominator 1
-    camera->model = k3 != 0                                    ? SGS_CAMERA_FULL_OPENCV
-                    : k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 ? SGS_CAMERA_OPENCV
-                                                               : SGS_CAMERA_PINHOLE;
+    p[8] = k3; // without k4 to k6 the denominator is 1
+    p[9] = k4;
+    p[10] = or_else(v[KEY_K5], 0);
+    p[11] = or_else(v[KEY_K6], 0);
+    camera->model = first_distortion(in, KEY_K3, KEY_K6) != KEY_COUNT   ? SGS_CAMERA_FULL_OPENCV
+                    : first_distortion(in, KEY_K1, KEY_P2) != KEY_COUNT ? SGS_CAMERA_OPENCV
+                                                                        : SGS_CAMERA_PINHOLE;
     return SGS_STATUS_OK;
 }
 

@@ -147,6 +147,15 @@ static const struct {
      "",
      {SGS_CAMERA_THIN_PRISM_FISHEYE, 64, 48, {50, 50, 32, 24, 0.1, 0.2, 0.01, 0.02, 0.3, 0.4}},
      0},
+    {"\"fl_x\":50,\"w\":64,\"h\":48,\"camera_model\":\"FULL_OPENCV\",\"k1\":0.1,\"p2\":0.2,\"k4\":"
+     "0.4,\"k6\":0.6",
+     "",
+     {SGS_CAMERA_FULL_OPENCV, 64, 48, {50, 50, 32, 24, 0.1, 0, 0, 0.2, 0, 0.4, 0, 0.6}},
+     0},
+    {"\"fl_x\":50,\"w\":64,\"h\":48,\"camera_model\":\"RADIAL_FISHEYE\",\"k1\":0.1,\"k2\":0.2",
+     "\"camera_model\":\"SIMPLE_RADIAL_FISHEYE\",\"k2\":0",
+     {SGS_CAMERA_OPENCV_FISHEYE, 64, 48, {50, 50, 32, 24, 0.1}},
+     0},
     {"\"fl_x\":50,\"w\":64,\"h\":48,\"is_fisheye\":true,\"k1\":0.1",
      "",
      {SGS_CAMERA_OPENCV_FISHEYE, 64, 48, {50, 50, 32, 24, 0.1}},
@@ -268,10 +277,13 @@ static const struct {
     {KEYS("\"fl_x\":5,\"camera_model\":7"), SGS_STATUS_FORMAT,
      "the global keys: 'camera_model' must be a string"},
     {KEYS("\"fl_x\":5,\"camera_model\":\"EQUIRECTANGULAR\""), SGS_STATUS_UNSUPPORTED,
-     "frame 0: camera model 'EQUIRECTANGULAR' is not supported; PINHOLE, OPENCV and OPENCV_FISHEYE "
-     "are"},
+     "frame 0: camera model 'EQUIRECTANGULAR' is not supported; supported: SIMPLE_PINHOLE, "
+     "PINHOLE, "
+     "SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE"},
     {KEYS("\"fl_x\":5,\"k4\":1"), SGS_STATUS_UNSUPPORTED,
      "frame 0: camera model 'OPENCV' with k4 is not supported"},
+    {KEYS("\"fl_x\":5,\"is_fisheye\":true,\"k5\":1"), SGS_STATUS_UNSUPPORTED,
+     "frame 0: camera model 'OPENCV_FISHEYE' with k5 is not supported"},
     {KEYS("\"fl_x\":5,\"ftheta_p0\":0"), SGS_STATUS_UNSUPPORTED,
      "the global keys: the lens of 'ftheta_p0' is not supported; convert the images"},
     {KEYS("\"fl_x\":5,\"latlong\":true"), SGS_STATUS_UNSUPPORTED,
@@ -321,7 +333,7 @@ static void ignored_distortion_is_warned_of_once(void **state)
         if (!distorted)
             assert_string_equal(warnings, "");
     }
-    assert_holds(warnings, "frame 0: camera model PINHOLE has no distortion; k1 to k4");
+    assert_holds(warnings, "frame 0: camera model PINHOLE has no distortion; k1 to k6");
     assert_null(strstr(warnings, "frame 1"));
     tree_remove(&folder);
 }

@@ -231,6 +231,25 @@ reports "did you mean '0009.jpg'?"
 run 0 render "$model" "$room" --view 0009 -o "$temporary/srgb" --aov rgba --exr-encoding srgb
 check linear_differs_from_srgb bash -c "! oiiotool --fail 0.01 '$temporary/exr2/0009.exr' '$temporary/srgb/0009.exr' --diff"
 
+# exr_files_record_their_encoding (as images of a scene, files of both encodings equal the renders)
+check linear_is_recorded bash -c "exrheader '$temporary/exr2/0009.exr' | grep -q 'colorInteropID.*lin_rec709_scene'"
+check srgb_is_recorded bash -c "exrheader '$temporary/srgb/0009.exr' | grep -q 'colorInteropID.*srgb_rec709_scene'"
+cp -r "$room" "$temporary/encoded"
+rm "$temporary/encoded/images"/*
+for encoding in linear srgb; do
+    run 0 render "$model" "$room" --split all --downscale 4 -o "$temporary/encoded/images" --aov rgba --exr-encoding "$encoding" --quiet
+    run 0 eval "$model" "$temporary/encoded" --split all --downscale 1 --white 1 --json
+    json "$temporary/stdout" '.mean.psnr > 50'
+done
+
+# moved_data_windows_are_refused
+oiiotool "$temporary/encoded/images/0009.exr" --origin +10-3 -o "$temporary/encoded/images/0009.exr"
+oiiotool "$temporary/encoded/images/0009.exr" --fullsize "$(oiiotool --info "$temporary/encoded/images/0009.exr" |
+    sed -n 's/.*: *\([0-9]*\) x *\([0-9]*\),.*/\1x\2+0+0/p')" -o "$temporary/moved.exr"
+mv "$temporary/moved.exr" "$temporary/encoded/images/0009.exr"
+run 0 info "$temporary/encoded" --downscale 1
+reports "0009.exr: its data window is moved by (10, -3) pixels from the display window; save the image with equal windows"
+
 # render_and_eval_write_the_same_png
 run 0 render "$model" "$room" --view 0009 -o "$temporary/png" --format png --aov rgba,depth,transmittance,hits
 check pictures_open oiiotool "$temporary"/png/0009.{,depth.,transmittance.,hits.}png

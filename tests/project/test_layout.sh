@@ -36,11 +36,13 @@ declare -A src_may=(
 declare -A tools_may=(
     [cli]=""
     [cameras]="cli"
+    [plan]="cli"
     [run]="cli"
+    [blocks]="run cli"
     [draw]="run cameras cli"
     [report]="draw run cameras cli"
     [viewer]="draw run cameras cli"
-    [commands]="viewer report draw run cameras cli"
+    [commands]="viewer report draw blocks run plan cameras cli"
 )
 # Folders of tools/ without C sources, and of tests/ that mirror no folder of src/.
 tools_other=" bench examples experiments manual package scripts "

@@ -19,11 +19,11 @@
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
-#include "run/experiment_plan.h"
+#include "plan/experiment_plan.h"
 #include "run/lock_file.h"
 #include "run/rank_work.h"
 #include "run/run_record.h"
-#include "run/sub_command.h"
+#include "cli/sub_command.h"
 
 static const char description[] =
     "Trains the runs defined by PLAN.json (scenes x pipelines x variants x seeds), one at a time, "

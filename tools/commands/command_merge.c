@@ -17,11 +17,11 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
-#include "run/block_plan.h"
-#include "run/merged_blocks.h"
+#include "blocks/block_plan.h"
+#include "blocks/merged_blocks.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
-#include "run/seam_report.h"
+#include "blocks/seam_report.h"
 
 static const char description[] =
     "Joins the blocks that were trained in DIR (block_0, block_1, ... of the plan DIR/blocks.json) "

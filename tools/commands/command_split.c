@@ -14,8 +14,8 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
-#include "run/block_plan.h"
-#include "run/block_scripts.h"
+#include "blocks/block_plan.h"
+#include "blocks/block_scripts.h"
 
 static const char description[] =
     "Divides SCENE, which has sparse points, into blocks that are trained separately, for scenes "

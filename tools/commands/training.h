@@ -12,7 +12,7 @@
 #include "cli/options.h"
 #include "cli/shared_options.h"
 #include "cli/train_options.h"
-#include "run/block_plan.h"
+#include "blocks/block_plan.h"
 #include "run/evaluate.h"
 #include "run/rank_clock.h"
 #include "run/run_folder.h"

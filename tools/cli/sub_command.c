@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "run/sub_command.h"
+#include "cli/sub_command.h"
 
 #include <errno.h>
 #include <signal.h>

@@ -10,7 +10,7 @@
 
 #include <jansson.h>
 
-#include "run/block_plan.h"
+#include "blocks/block_plan.h"
 #include "run/evaluate.h"
 
 // Pixels within this distance of a face, in extents of the scene, belong to the seam.

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "run/block_plan.h"
+#include "blocks/block_plan.h"
 
 #include <inttypes.h>
 #include <math.h>

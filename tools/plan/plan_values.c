@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "run/plan_values.h"
+#include "plan/plan_values.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -15,7 +15,7 @@
 // Seeds and pipelines are distinct, and the runs at most RUNS_MOST. Paths are relative to the
 // plan's folder, those of scenes and of options; "images" and "masks" are folders of the scene.
 
-#include "run/experiment_plan.h"
+#include "plan/experiment_plan.h"
 
 #include <limits.h>
 #include <stdlib.h>
@@ -27,7 +27,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "run/plan_values.h"
+#include "plan/plan_values.h"
 #include "sparegs/scene.h"
 
 enum { RUNS_MOST = 10000 };

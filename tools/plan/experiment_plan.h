@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "run/experiment_post.h"
+#include "plan/experiment_post.h"
 
 typedef struct experiment_run {
     char *scene, *pipeline, *variant; // names

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "run/block_scripts.h"
+#include "blocks/block_scripts.h"
 
 #include <stdlib.h>
 #include <string.h>

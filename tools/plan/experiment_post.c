@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "run/experiment_post.h"
+#include "plan/experiment_post.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -16,8 +16,8 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "run/plan_values.h"
-#include "run/sub_command.h"
+#include "plan/plan_values.h"
+#include "cli/sub_command.h"
 #include "sparegs/compress.h"
 
 // A kind of step.

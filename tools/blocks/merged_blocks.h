@@ -7,7 +7,7 @@
 
 #include <jansson.h>
 
-#include "run/block_plan.h"
+#include "blocks/block_plan.h"
 
 typedef struct merged_blocks {
     char *folder, *plan_path;

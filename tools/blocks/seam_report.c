@@ -5,7 +5,7 @@
 // position of a pixel is the mean over the hits of its ray, weighted as their colours; pixels that
 // are more transparent than opaque have none and belong to the rest.
 
-#include "run/seam_report.h"
+#include "blocks/seam_report.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -13,13 +13,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/compare.h"
 #include "base/core.h"
-
-static int by_value(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
 
 // The (1 - share) quantile with linear interpolation between neighbours.
 static sgs_status upper_quantile(const float *values, size_t count, double share, float *quantile)
@@ -30,7 +25,7 @@ static sgs_status upper_quantile(const float *values, size_t count, double share
                          count);
     for (size_t i = 0; i < count; ++i)
         sorted[i] = values[i] > 0.0f ? values[i] : 0.0f; // NaN: 0
-    qsort(sorted, count, sizeof *sorted, by_value);
+    qsort(sorted, count, sizeof *sorted, sgsi_compare_floats);
     const double at = (1.0 - share) * (double)(count ? count - 1 : 0);
     const size_t below = (size_t)at, above = below + 1 < count ? below + 1 : below;
     *quantile = (float)((double)sorted[below] +

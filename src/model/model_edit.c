@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/compare.h"
 #include "base/core.h"
 #include "base/keyed_rows.h"
 #include "base/sh.h"
@@ -232,12 +233,6 @@ typedef struct voxel_grid {
     double low[3], size;
 } voxel_grid;
 
-static int compare_doubles(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 // Four times the median distance to the third nearest neighbour.
 static sgs_status find_voxel_size(const sgs_gaussians *model, const sgsi_keyed_row *rows,
                                   size_t count, double *size)
@@ -255,7 +250,7 @@ static sgs_status find_voxel_size(const sgs_gaussians *model, const sgsi_keyed_r
     if (!status) {
         for (size_t i = 0; i < count; ++i)
             distances[i] = distances[SGSI_KNN_NEIGHBOURS * i + SGSI_KNN_NEIGHBOURS - 1];
-        qsort(distances, count, sizeof *distances, compare_doubles);
+        qsort(distances, count, sizeof *distances, sgsi_compare_doubles);
         *size = VOXEL_FACTOR * sqrt(distances[count / 2]);
     }
     sgsi_free(points);
@@ -284,7 +279,7 @@ static sgs_status place_grid(const sgs_gaussians *model, voxel_grid *grid)
                              grid->row_count);
         for (size_t i = 0; i < grid->row_count; ++i)
             values[i] = (double)*sgs_gaussians_at(model, grid->rows[i].row, SGS_PARAM_MEAN + k);
-        qsort(values, grid->row_count, sizeof *values, compare_doubles);
+        qsort(values, grid->row_count, sizeof *values, sgsi_compare_doubles);
         grid->low[k] = values[grid->row_count / 2] - grid->size * (VOXELS_PER_SIDE / 2);
     }
     sgsi_free(values);

@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/compare.h"
 #include "base/core.h"
 #include "prune/scores.h"
 
@@ -26,12 +27,6 @@ sgs_prune_options sgs_prune_options_default(void)
 }
 
 // ---- LightGaussian ----
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
 
 // Logarithms of the volumes, which do not overflow.
 static double log_volume(const sgs_gaussians *model, size_t i)
@@ -51,7 +46,7 @@ sgs_status sgsi_weigh_by_volume(const sgs_gaussians *model, double power, double
                          "not enough memory for the volumes of %zu primitives", n);
     for (size_t i = 0; i < n; ++i)
         volumes[i] = log_volume(model, i);
-    qsort(volumes, n, sizeof *volumes, ascending);
+    qsort(volumes, n, sizeof *volumes, sgsi_compare_doubles);
     const double reference = volumes[n - 1 - (size_t)(0.9 * (double)n)];
     for (size_t i = 0; i < n; ++i) {
         const double exponent = power * (log_volume(model, i) - reference);

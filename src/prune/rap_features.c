@@ -15,6 +15,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/compare.h"
+
 #include "base/core.h"
 #include "base/sh.h"
 #include "base/threads.h"
@@ -207,12 +209,6 @@ static void fill_features(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return x < y ? -1 : x > y;
-}
-
 static double quantile(const float *sorted, size_t count, double share)
 {
     const double at = share * (double)(count - 1);
@@ -249,7 +245,7 @@ static void finish_column(void *context, size_t column, int thread)
             *value = deviation > 0 ? (float)(((double)*value - mean) / deviation) : 0.0f;
         sorted[i] = *value;
     }
-    qsort(sorted, n, sizeof *sorted, ascending);
+    qsort(sorted, n, sizeof *sorted, sgsi_compare_floats);
     const double low = quantile(sorted, n, 0.01), high = quantile(sorted, n, 0.99);
     for (size_t i = 0; i < n; ++i) {
         float *value = &values[i * SGS_RAP_FEATURES];

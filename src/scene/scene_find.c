@@ -17,9 +17,10 @@
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "scene/colmap.h"
+#include "base/compare.h"
 #include "base/core.h"
 #include "image/mask.h"
+#include "scene/colmap.h"
 
 void sgsi_scene_files_free(sgsi_scene_files *files)
 {
@@ -360,11 +361,6 @@ static int id_order(const void *a, const void *b)
                                   : (x->inode > y->inode) - (x->inode < y->inode);
 }
 
-static int link_order(const void *a, const void *b)
-{
-    return strcmp(*(char *const *)a, *(char *const *)b);
-}
-
 static bool first_visit(search *s, const char *path)
 {
     struct stat info;
@@ -450,7 +446,7 @@ size_t sgsi_scene_count_unknown(const char *folder, const sgsi_roots *roots,
     search_folder(&s, "", 0);
     for (size_t begin = 0, end; begin < s.link_count; begin = end) {
         end = s.link_count;
-        qsort(s.links + begin, end - begin, sizeof *s.links, link_order);
+        qsort(s.links + begin, end - begin, sizeof *s.links, sgsi_compare_strings);
         for (size_t i = begin; i < end; ++i)
             search_link(&s, s.links[i]);
     }

@@ -11,6 +11,7 @@
 #include <string.h>
 #include <xxhash.h>
 
+#include "base/compare.h"
 #include "base/core.h"
 
 // Rounding of positions that causes a warning: pixels of a photo from a distance of the
@@ -228,12 +229,6 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
                      scene->path, scene->view_count);
 }
 
-static int double_order(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 // The median distance of the points to the center; 0 without points.
 static sgs_status median_distance(const sgs_scene *scene, double *median)
 {
@@ -248,7 +243,7 @@ static sgs_status median_distance(const sgs_scene *scene, double *median)
         distances[i] =
             hypot(hypot(p[0] - scene->center[0], p[1] - scene->center[1]), p[2] - scene->center[2]);
     }
-    qsort(distances, scene->point_count, sizeof *distances, double_order);
+    qsort(distances, scene->point_count, sizeof *distances, sgsi_compare_doubles);
     *median = distances[scene->point_count / 2];
     sgsi_free(distances);
     return SGS_STATUS_OK;

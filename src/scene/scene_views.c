@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/compare.h"
 #include "base/core.h"
 #include "image/mask.h"
 #include "scene/scene_split.h"
@@ -273,11 +274,6 @@ sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l)
     return SGS_STATUS_OK;
 }
 
-static int text_order(const void *a, const void *b)
-{
-    return strcmp(*(const char *const *)a, *(const char *const *)b);
-}
-
 sgs_status sgsi_loader_mark_dropped(sgsi_scene_loader *l)
 {
     const size_t count = l->options->kept_count;
@@ -287,10 +283,10 @@ sgs_status sgsi_loader_mark_dropped(sgsi_scene_loader *l)
     if (!names)
         return sgsi_scene_no_memory(l->scene->path);
     memcpy(names, l->options->kept, count * sizeof *names);
-    qsort(names, count, sizeof *names, text_order);
+    qsort(names, count, sizeof *names, sgsi_compare_strings);
     for (size_t i = 0; i < l->scene->view_count; ++i)
         l->slots[i].dropped =
-            !bsearch(&l->scene->views[i].name, names, count, sizeof *names, text_order);
+            !bsearch(&l->scene->views[i].name, names, count, sizeof *names, sgsi_compare_strings);
     sgsi_free(names);
     return SGS_STATUS_OK;
 }
@@ -330,7 +326,7 @@ sgs_status sgsi_loader_count_unposed(sgsi_scene_loader *l)
     const size_t prefix = strlen(l->files.image_folder) + 1;
     for (size_t i = 0; i < scene->view_count; ++i)
         known[i] = scene->views[i].image_path + prefix;
-    qsort(known, scene->view_count, sizeof *known, text_order);
+    qsort(known, scene->view_count, sizeof *known, sgsi_compare_strings);
     char examples[256];
     scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, &l->roots, known,
                                                      scene->view_count, examples, sizeof examples);

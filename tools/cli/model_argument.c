@@ -10,6 +10,7 @@
 #include "cli/model_path.h"
 #include "cli/model_reader.h"
 #include "cli/progress.h"
+#include "cli/value_order.h"
 
 bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened)
 {
@@ -33,12 +34,6 @@ void opened_model_free(opened_model *opened)
     *opened = (opened_model){0};
 }
 
-static int compare_values(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 void model_measure(const sgs_gaussians *model, double center[3], double *range)
 {
     enum { SAMPLES = 10000 };
@@ -51,7 +46,7 @@ void model_measure(const sgs_gaussians *model, double center[3], double *range)
             values[i] = *sgs_gaussians_at(model, i * count / kept, SGS_PARAM_MEAN + k);
         if (!values || !kept)
             continue;
-        qsort(values, kept, sizeof *values, compare_values);
+        qsort(values, kept, sizeof *values, compare_floats);
         const double along = (double)values[kept - 1 - kept / 10] - (double)values[kept / 10];
         center[k] = (double)values[kept / 2];
         *range = along > *range ? along : *range;

@@ -18,18 +18,13 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
+#include "cli/value_order.h"
 #include "sparegs/model_file.h"
 
 static const char description[] =
     "Describes MODEL (a model file, or a run folder: its latest iteration) or SCENE (a data set): "
     "counts, bounds, quantiles of scales and opacities, camera models, image sizes, split, "
     "warnings.";
-
-static int compare_doubles(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 // {"minimum":…, "1%":…, "median":…, "99%":…, "maximum":…}; sorts the values.
 static json_t *quantiles(double *values, size_t count)

@@ -14,11 +14,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-static int compare_floats(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
+#include "cli/value_order.h"
 
 value_range sorted_range(float *values, size_t count)
 {

@@ -10,6 +10,7 @@
 
 #include "cli/json_output.h"
 #include "cli/reported_files.h"
+#include "cli/value_order.h"
 #include "report/rank_report.h"
 #include "report/scaling_report.h"
 
@@ -33,12 +34,6 @@ enum { PHASE_COUNT = sizeof phases / sizeof *phases, PHASE_TOTAL = 3, PHASE_PROJ
 typedef struct spread {
     double median, low, high;
 } spread;
-
-static int compare_doubles(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 // Seconds over the repetitions.
 static spread phase_spread(const bench_result *result, const bench_phase *phase)

@@ -10,6 +10,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "cli/value_order.h"
 #include "sparegs/rank_check.h"
 
 // Options that change no result.
@@ -49,11 +50,6 @@ void rank_work_write_drawing(FILE *out, const drawing_values *drawing)
             drawing->near_distance);
 }
 
-static int compare_names(const void *a, const void *b)
-{
-    return strcmp(*(const char *const *)a, *(const char *const *)b);
-}
-
 static bool write_object(FILE *out, const char *what, const json_t *object)
 {
     const size_t count = json_object_size(object);
@@ -66,7 +62,7 @@ static bool write_object(FILE *out, const char *what, const json_t *object)
          at = json_object_iter_next((json_t *)object, at))
         names[k++] = json_object_iter_key(at);
     if (done)
-        qsort(names, count, sizeof *names, compare_names);
+        qsort(names, count, sizeof *names, compare_strings);
     for (k = 0; k < count && done; ++k) {
         char *path = format_text("%s.%s", what, names[k]);
         done = rank_work_write_json(out, path, json_object_get(object, names[k]));

@@ -41,7 +41,7 @@ static sgs_status pass_create(view_pass *pass)
 {
     sgs_status status = sgsi_tracer_create(&pass->tracer);
     if (!status)
-        status = sgsi_ray_cache_create(RAY_CACHE_BYTES, &pass->rays);
+        status = sgsi_ray_cache_create(RAY_CACHE_BYTES, 0, &pass->rays);
     if (status || pass->render.filter != SGS_FILTER_MIP || !pass->render.filter_3d)
         return status;
     pass->filter_3d = sgsi_calloc(pass->model->capacity, sizeof *pass->filter_3d);

@@ -463,21 +463,22 @@ int sgsi_macrotile_side(const sgs_camera *camera)
 enum { CACHE_SLOTS = 256 };
 
 struct sgsi_ray_cache {
-    size_t byte_limit, bytes;
-    unsigned long clock;
+    size_t byte_limit, bytes, period;
+    uint64_t clock; // lookups
     struct {
         sgsi_rays *rays;
         size_t bytes;
-        unsigned long used;
+        uint64_t used;
     } slots[CACHE_SLOTS];
 };
 
-sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache)
+sgs_status sgsi_ray_cache_create(size_t byte_limit, size_t period, sgsi_ray_cache **cache)
 {
     *cache = sgsi_calloc(1, sizeof **cache);
     if (!*cache)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the ray cache");
     (*cache)->byte_limit = byte_limit;
+    (*cache)->period = period;
     return SGS_STATUS_OK;
 }
 
@@ -500,39 +501,49 @@ size_t sgsi_ray_cache_bytes(const sgsi_ray_cache *cache)
     return cache->bytes;
 }
 
+// Which of two tables is evicted first.
+static bool goes_before(const sgsi_ray_cache *cache, int a, int b)
+{
+    const uint64_t used_a = cache->slots[a].used, used_b = cache->slots[b].used,
+                   oldest = used_a < used_b ? used_a : used_b;
+    const bool stale = cache->clock - oldest > cache->period;
+    return stale ? used_a < used_b : used_a > used_b;
+}
+
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                               const sgsi_rays **rays)
 {
     *rays = NULL;
+    ++cache->clock;
     for (int i = 0; i < CACHE_SLOTS; ++i) {
         if (cache->slots[i].rays && sgs_camera_equal(&cache->slots[i].rays->camera, camera)) {
-            cache->slots[i].used = ++cache->clock;
+            cache->slots[i].used = cache->clock;
             *rays = cache->slots[i].rays;
             return SGS_STATUS_OK;
         }
     }
     const size_t bytes = sgsi_tile_count(camera->width, camera->height) * sizeof(sgsi_tile_rays);
     for (;;) {
-        int oldest = -1, empty = -1;
+        int evicted = -1, empty = -1;
         for (int i = 0; i < CACHE_SLOTS; ++i) {
             if (!cache->slots[i].rays)
                 empty = i;
-            else if (oldest < 0 || cache->slots[i].used < cache->slots[oldest].used)
-                oldest = i;
+            else if (evicted < 0 || goes_before(cache, i, evicted))
+                evicted = i;
         }
-        if (empty >= 0 && (oldest < 0 || cache->bytes + bytes <= cache->byte_limit)) {
+        if (empty >= 0 && (evicted < 0 || cache->bytes + bytes <= cache->byte_limit)) {
             const sgs_status status =
                 sgsi_rays_create(camera, sgsi_macrotile_side(camera), &cache->slots[empty].rays);
             if (status)
                 return status;
             cache->slots[empty].bytes = bytes;
-            cache->slots[empty].used = ++cache->clock;
+            cache->slots[empty].used = cache->clock;
             cache->bytes += bytes;
             *rays = cache->slots[empty].rays;
             return SGS_STATUS_OK;
         }
-        cache->bytes -= cache->slots[oldest].bytes;
-        sgsi_rays_destroy(cache->slots[oldest].rays);
-        cache->slots[oldest].rays = NULL;
+        cache->bytes -= cache->slots[evicted].bytes;
+        sgsi_rays_destroy(cache->slots[evicted].rays);
+        cache->slots[evicted].rays = NULL;
     }
 }

@@ -99,10 +99,13 @@ void sgsi_rays_cell_cones(const sgsi_rays *rays, sgsi_cone *cones);
 // The macrotile_side for a camera. Depends on its image size only, not on the number of threads.
 int sgsi_macrotile_side(const sgs_camera *camera);
 
-// Cache of up to 256 ray tables by camera with least-recently-used eviction. It holds one table
-// even if that exceeds the limit. Not thread-safe. Fails with OUT_OF_MEMORY; *cache is then NULL.
+// Cache of up to 256 ray tables by camera. It holds one table even if that exceeds the limit.
+// `period`: lookups within which every camera is expected again, such as twice the number of views
+// for epochs in random order. A full cache evicts a table unused for longer, the least recently
+// used one; otherwise the most recently used one, which is needed again last. 0: always the least
+// recently used one. Not thread-safe. Fails with OUT_OF_MEMORY; *cache is then NULL.
 typedef struct sgsi_ray_cache sgsi_ray_cache;
-sgs_status sgsi_ray_cache_create(size_t byte_limit, sgsi_ray_cache **cache);
+sgs_status sgsi_ray_cache_create(size_t byte_limit, size_t period, sgsi_ray_cache **cache);
 void sgsi_ray_cache_destroy(sgsi_ray_cache *cache); // accepts NULL
 // Applies when the next table is made.
 void sgsi_ray_cache_limit_set(sgsi_ray_cache *cache, size_t byte_limit);

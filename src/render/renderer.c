@@ -115,7 +115,7 @@ sgs_status sgs_renderer_create(const sgs_gaussians *model, sgs_renderer **render
     made->changed = true;
     sgs_status status = sgsi_tracer_create(&made->tracer);
     if (!status)
-        status = sgsi_ray_cache_create(SGSI_RAY_CACHE_BYTES, &made->rays);
+        status = sgsi_ray_cache_create(SGSI_RAY_CACHE_BYTES, 0, &made->rays);
     if (status) {
         sgs_renderer_destroy(made);
         return status;

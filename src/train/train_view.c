@@ -23,7 +23,7 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     sgs_status status = sgsi_tracer_create(&views->tracer);
     views->rows = views->tracer;
     if (!status)
-        status = sgsi_ray_cache_create(SGSI_RAY_CACHE_BYTES, &views->rays);
+        status = sgsi_ray_cache_create(SGSI_RAY_CACHE_BYTES, 2 * views->count, &views->rays);
     return status;
 }
 

@@ -125,7 +125,6 @@ static void frames_are_orthonormal(void **state)
     }
 }
 
-// Sixteen pixels that cover all directions have no tangent plane: an error, not missing pixels.
 static void rays_90_degrees_from_the_axis_are_recorded(void **state)
 {
     (void)state;
@@ -145,6 +144,7 @@ static void rays_90_degrees_from_the_axis_are_recorded(void **state)
     }
 }
 
+// Sixteen pixels that cover all directions have no tangent plane: an error, not missing pixels.
 static void images_too_small_for_their_lens_are_rejected(void **state)
 {
     (void)state;
@@ -175,6 +175,41 @@ static void every_failed_allocation_is_reported(void **state)
     sgsi_rays_destroy(NULL);
 }
 
+// Epochs over 8 cameras, each in another order, with memory for 4 tables: nearly half of the
+// lookups find a table, which the least recently used ones would not. After the period, tables of
+// cameras that are no longer used leave.
+static void cache_keeps_tables_over_epochs(void **state)
+{
+    (void)state;
+    enum { CAMERAS = 8, HELD = 4, EPOCHS = 40, PERIOD = 2 * CAMERAS };
+    const size_t bytes = 6 * 4 * sizeof(sgsi_tile_rays);
+    sgsi_ray_cache *cache;
+    assert_int_equal(sgsi_ray_cache_create(HELD * bytes, PERIOD, &cache), SGS_STATUS_OK);
+    uint64_t counter = 0;
+    size_t found = 0;
+    for (int epoch = 0; epoch < 2 * EPOCHS; ++epoch) {
+        int order[CAMERAS];
+        const int first = epoch < EPOCHS ? 0 : CAMERAS; // other cameras in the second half
+        for (int i = 0; i < CAMERAS; ++i) {
+            const int at = (int)(sgsi_random_uniform(7, counter++) * (i + 1));
+            order[i] = order[at];
+            order[at] = first + i;
+        }
+        for (int i = 0; i < CAMERAS; ++i) {
+            sgs_camera camera = cameras[0];
+            camera.params[2] = 41 + order[i];
+            const sgsi_rays *rays;
+            assert_int_equal(sgsi_ray_cache_get(cache, &camera, &rays), SGS_STATUS_OK);
+            assert_true(rays->camera.params[2] == camera.params[2]);
+            found += rays->focal < 0;
+            ((sgsi_rays *)rays)->focal = -1; // marks a table that was found before
+        }
+    }
+    print_message("%zu of %d lookups found a table\n", found, 2 * EPOCHS * CAMERAS);
+    assert_true(found * 10 > 4 * 2 * EPOCHS * CAMERAS);
+    sgsi_ray_cache_destroy(cache);
+}
+
 static void cache_returns_one_table_per_camera_within_its_limit(void **state)
 {
     (void)state;
@@ -183,7 +218,7 @@ static void cache_returns_one_table_per_camera_within_its_limit(void **state)
     sgs_camera camera = cameras[0];
     const sgsi_rays *first, *again;
     assert_true(bytes >= 2 * sizeof(float) * (size_t)camera.width * (size_t)camera.height);
-    assert_int_equal(sgsi_ray_cache_create(3 * bytes, &cache), SGS_STATUS_OK);
+    assert_int_equal(sgsi_ray_cache_create(3 * bytes, 0, &cache), SGS_STATUS_OK);
     assert_int_equal(sgsi_ray_cache_get(cache, &camera, &first), SGS_STATUS_OK);
     assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
     assert_ptr_equal(first, again);
@@ -216,6 +251,7 @@ int main(void)
         cmocka_unit_test(rays_90_degrees_from_the_axis_are_recorded),
         cmocka_unit_test(images_too_small_for_their_lens_are_rejected),
         cmocka_unit_test(every_failed_allocation_is_reported),
+        cmocka_unit_test(cache_keeps_tables_over_epochs),
         cmocka_unit_test(cache_returns_one_table_per_camera_within_its_limit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

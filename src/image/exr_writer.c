@@ -106,12 +106,13 @@ static exr_result_t set_text(exr_context_t context, const char *name, const char
     return text ? exr_attr_set_string(context, 0, name, text) : EXR_ERR_SUCCESS;
 }
 
-// Width of a pixel over its height. The focal lengths of a calibrated camera with square pixels
-// differ slightly, which programs would take for another pixel format.
-static float pixel_aspect(const double *intrinsics)
+// Width of a pixel over its height. The focal lengths of a calibrated or downscaled camera with
+// square pixels differ slightly, which programs would take for another pixel format.
+static float pixel_aspect(const sgs_exr_info *info)
 {
-    const double aspect = intrinsics[1] / intrinsics[0];
-    return fabs(aspect - 1) <= 0.01 ? 1.0F : (float)aspect;
+    const double aspect = info->intrinsics[1] / info->intrinsics[0];
+    const double side = fmin(info->width, info->height) - 2.0 * info->overscan;
+    return fabs(aspect - 1) <= fmax(0.01, 1.0 / side) ? 1.0F : (float)aspect;
 }
 
 // Focal length and film back (names of OpenEXR's standard attributes), or the kind of a panorama.
@@ -133,7 +134,7 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
     if (!result)
         result = exr_attr_set_v2f(context, 0, "sensorOverallDimensions", &size);
     if (!result)
-        result = exr_set_pixel_aspect_ratio(context, 0, pixel_aspect(k));
+        result = exr_set_pixel_aspect_ratio(context, 0, pixel_aspect(info));
     if (!result)
         result = exr_set_screen_window_center(context, 0, &center);
     return result ? result : exr_set_screen_window_width(context, 0, (float)(width / k[0]));

@@ -415,7 +415,8 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
         colors.encoding = Encoding::srgb;
         return SGS_STATUS_OK;
     }
-    if (name == "linear" || name == "scene_linear" || name == "lin_srgb" || name == "lin_rec709") {
+    if (name == "linear" || name == "scene_linear" || name == "lin_srgb" ||
+        name.compare(0, 10, "lin_rec709") == 0) {
         colors.encoding = Encoding::linear;
         return SGS_STATUS_OK;
     }

@@ -70,7 +70,7 @@ sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info
         (double)info->full_width * camera->height / ((double)info->full_height * camera->width);
     if (whole && (info->left || info->top))
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: its data window is moved by (%d, %d) pixels from the display window; "
+                         "%s: its data window is offset by (%d, %d) pixels from the display window; "
                          "save the image with equal windows",
                          path, info->left, info->top);
     if (whole || own || !camera->width || !(fabs(stretch - 1) <= 0.02))

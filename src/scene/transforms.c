@@ -194,12 +194,16 @@ static sgs_status read_model(reader *r, const intrinsics *in, sgs_camera *camera
     const enum key excess = !known || !strcmp(model, "FULL_OPENCV")
                                 ? KEY_COUNT
                                 : first_distortion(in, fisheye ? KEY_K5 : KEY_K4, KEY_K6);
-    if (!known || excess != KEY_COUNT)
+    if (!known)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
-            "%s: %s: camera model '%.64s'%s%s is not supported; supported: " PERSPECTIVE_MODELS
+            "%s: %s: camera model '%.64s' is not supported; supported: " PERSPECTIVE_MODELS
             ", " FISHEYE_MODELS "; undistort the images or use one of these",
-            r->path, r->where, model, known ? " with " : "", known ? key_names[excess] : "");
+            r->path, r->where, model);
+    if (excess != KEY_COUNT)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: %s: camera model '%.64s' has no %s; %s",
+                         r->path, r->where, model, key_names[excess],
+                         fisheye ? "undistort the images" : "use FULL_OPENCV");
     p[4] = k1;
     p[5] = k2;
     if (fisheye) {

@@ -130,6 +130,16 @@ for file in "$room"/sparse/0/{cameras,images,points3D}.bin "$temporary"/fov/spar
     one_line
     reports "$file: is a file of a COLMAP model; give the folder of the model"
 done
+# Its records are counted in the first byte: 91 is the code of '['.
+mkdir -p "$temporary/brackets" && printf '[\0\0\0\0\0\0\0' >"$temporary/brackets/images.bin"
+run 1 render "$model" --camera "$temporary/brackets/images.bin" --aov rgba -o "$temporary/none"
+one_line
+reports "images.bin: is a file of a COLMAP model; give the folder of the model"
+# a frame number that occurs twice
+printf '7 0 0 -3 180 0 0 40\n8 0 0 -3 180 0 0 40\n7 0 0 -2 180 0 0 40\n' >"$temporary/again.chan"
+run 1 render "$model" --camera "$temporary/again.chan" --size 32x18 -o "$temporary/none"
+one_line
+reports "again.chan: contains frame 7 more than once"
 # errors of JSON files have the place
 printf 'x' >"$temporary/bad.json"
 run 1 render "$model" --camera "$temporary/bad.json" --aov rgba -o "$temporary/none"

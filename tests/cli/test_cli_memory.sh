@@ -73,11 +73,11 @@ mkdir "$temporary/empty"
 cp -r "$room/images" "$room/sparse" "$temporary/empty/"
 rm "$temporary"/empty/sparse/0/points3D.*
 if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 300000000 ]; then
-    run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge"
+    run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge_run"
     reports "more than the memory of the machine"
     reports "larger --max-memory"
-    check nothing_is_written test ! -e "$temporary/huge/config.json"
-    run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge" --max-memory 100T
+    check nothing_is_written test ! -e "$temporary/huge_run/config.json"
+    run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge_run" --max-memory 100T
     reports "not enough memory for"
     check warns_once test "$(grep -c 'no points3D' "$temporary/stderr")" = 1
 fi

@@ -248,7 +248,7 @@ oiiotool "$temporary/encoded/images/0009.exr" --fullsize "$(oiiotool --info "$te
     sed -n 's/.*: *\([0-9]*\) x *\([0-9]*\),.*/\1x\2+0+0/p')" -o "$temporary/moved.exr"
 mv "$temporary/moved.exr" "$temporary/encoded/images/0009.exr"
 run 0 info "$temporary/encoded" --downscale 1
-reports "0009.exr: its data window is moved by (10, -3) pixels from the display window; save the image with equal windows"
+reports "0009.exr: its data window is offset by (10, -3) pixels from the display window; save the image with equal windows"
 
 # render_and_eval_write_the_same_png
 run 0 render "$model" "$room" --view 0009 -o "$temporary/png" --format png --aov rgba,depth,transmittance,hits

@@ -200,13 +200,13 @@ EOF
     same_hash whole disk
 fi
 
-# Rank 0 cannot create the folder of the model, where a file is: the others wait for it, the checkpoint is whole.
-mkdir "$temporary/obstructed"
-touch "$temporary/obstructed/point_cloud"
+# Rank 0 cannot create the folder of the model, where a dangling link is: the others wait for it, the checkpoint is whole.
+mkdir -p "$temporary/obstructed/point_cloud"
+ln -s nowhere/else "$temporary/obstructed/point_cloud/iteration_120"
 ranks 1 2 train "${common[@]}" --exposure -o "$temporary/obstructed"
 one_voice
-reports "obstructed/point_cloud/iteration_120: cannot be created: Not a directory"
-rm "$temporary/obstructed/point_cloud"
+reports "obstructed/point_cloud/iteration_120: cannot be created: No such file or directory"
+rm "$temporary/obstructed/point_cloud/iteration_120"
 ranks 0 3 train "${common[@]}" --exposure --resume -o "$temporary/obstructed"
 same_hash one obstructed
 check same_model cmp "$temporary"/{one,obstructed}/point_cloud/iteration_120/point_cloud.ply

@@ -272,6 +272,11 @@ done
 mkdir -p "$temporary/own/point_cloud" "$temporary/own/checkpoint"
 echo mine >"$temporary/own/notes.txt"
 run 0 train "${data[@]}" -o "$temporary/own" --iterations 3
+# an_interrupted_start_may_be_repeated (it left the lock and a file; the second start fails before it writes any)
+mkdir "$temporary/begun"
+touch "$temporary/begun/.lock" "$temporary/begun/cameras.json"
+run 1 train "$temporary/nothing" -o "$temporary/begun" --iterations 3
+run 0 train "${data[@]}" -o "$temporary/begun" --iterations 3
 
 # other_folders_are_not_removed
 mkdir "$out/previous.old"

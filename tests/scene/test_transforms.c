@@ -281,9 +281,9 @@ static const struct {
      "PINHOLE, "
      "SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE"},
     {KEYS("\"fl_x\":5,\"k4\":1"), SGS_STATUS_UNSUPPORTED,
-     "frame 0: camera model 'OPENCV' with k4 is not supported"},
+     "frame 0: camera model 'OPENCV' has no k4; use FULL_OPENCV"},
     {KEYS("\"fl_x\":5,\"is_fisheye\":true,\"k5\":1"), SGS_STATUS_UNSUPPORTED,
-     "frame 0: camera model 'OPENCV_FISHEYE' with k5 is not supported"},
+     "frame 0: camera model 'OPENCV_FISHEYE' has no k5; undistort the images"},
     {KEYS("\"fl_x\":5,\"ftheta_p0\":0"), SGS_STATUS_UNSUPPORTED,
      "the global keys: the lens of 'ftheta_p0' is not supported; convert the images"},
     {KEYS("\"fl_x\":5,\"latlong\":true"), SGS_STATUS_UNSUPPORTED,

@@ -475,59 +475,6 @@ static void dense_optimizer_and_random_background_train_too(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-static void equilibrium_ends_a_run(void **state)
-{
-    (void)state;
-    enum { LENGTH = 600 };
-    sgs_train_options options = short_run(LENGTH);
-    options.spare = SGS_SPARE_EDT;
-    options.spare_eps_loss = 1;
-    options.spare_eps_count = 1; // every check passes in which the loss has not grown
-    options.spare_patience = 1;
-    options.spare_interval = 500; // 10 iterations of this run
-    sgs_trainer *trainer = trainer_create(scene, &options);
-    sgs_step_info info = {0};
-    int steps = 0;
-    while (!info.stop && steps < LENGTH) {
-        info = trainer_run(trainer, 1);
-        ++steps;
-    }
-    assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
-    assert_true(steps < LENGTH && steps % 10 == 0);
-    assert_true(steps > trainer->schedule.densify_until);
-    assert_non_null(strstr(sgs_trainer_stop_text(trainer), "stopped at"));
-    sgs_trainer_destroy(trainer);
-}
-
-// No end before densification is over, nor before two passes over the views with comparable losses;
-// a shorter run completes its schedule.
-static void equilibrium_waits_for_comparable_losses(void **state)
-{
-    (void)state;
-    sgs_train_options options = short_run(200);
-    options.spare = SGS_SPARE_EDT;
-    options.spare_eps_loss = 1;
-    options.spare_eps_count = 1;
-    options.spare_interval = 100; // every iteration of this run
-    sgs_trainer *trainer = trainer_create(scene, &options);
-    const int views = (int)trainer->views.count;
-    trainer->schedule.densify_until = 30;
-    trainer->schedule.densify_interval = 20;
-    sgs_step_info info = {0};
-    int steps = 0;
-    for (; !info.stop; ++steps)
-        info = trainer_run(trainer, 1);
-    assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
-    assert_in_range(steps, 30 + 2 * views, 200 - 1);
-    assert_int_equal((steps - 30) % views, 0);
-    sgs_trainer_destroy(trainer);
-    trainer = trainer_create(scene, &options);
-    trainer->schedule.densify_until = 200 - 2 * views;
-    info = trainer_run(trainer, 200);
-    assert_int_equal(info.stop, SGS_STOP_SCHEDULE);
-    sgs_trainer_destroy(trainer);
-}
-
 // Each base pipeline trains, gives the same bits uninterrupted on one thread and resumed on two,
 // and obeys the cap.
 static void every_pipeline_trains_resumes_and_obeys_the_cap(void **state)
@@ -684,31 +631,6 @@ static void radii_follow_the_size_of_the_images(void **state)
     sgs_trainer_destroy(trainer);
 }
 
-// A reset discards the losses before it.
-static void a_reset_restarts_the_comparison_of_losses(void **state)
-{
-    (void)state;
-    sgs_trainer *trainer = start_busy();
-    trainer->options.spare = SGS_SPARE_EDT;
-    trainer->options.spare_patience = 1000;
-    trainer->schedule.check_interval = 40; // more than the training views
-    trainer->schedule.reset_interval = 120;
-    trainer->schedule.reset_until = 200;
-    trainer->schedule.densify_from = 1000;
-    trainer->schedule.densify_until = 0;
-    const spare_equilibrium *equilibrium = &trainer->progress.equilibrium;
-    trainer_run(trainer, 40);
-    assert_true(equilibrium->last_loss_change == 0); // no earlier check
-    trainer_run(trainer, 80);
-    const double before = equilibrium->last_loss_change;
-    assert_true(before > 0); // of iterations 40 to 120; the reset follows
-    trainer_run(trainer, 40);
-    assert_true(equilibrium->last_loss_change == before); // the first interval after it
-    trainer_run(trainer, 40);
-    assert_true(equilibrium->last_loss_change != before);
-    sgs_trainer_destroy(trainer);
-}
-
 static void options_out_of_range_are_named(void **state)
 {
     (void)state;
@@ -778,14 +700,11 @@ int main(void)
         cmocka_unit_test(mcmc_gives_the_same_bits_with_any_threads_and_after_any_stop),
         cmocka_unit_test(mcmc_options_change_the_run),
         cmocka_unit_test(dense_optimizer_and_random_background_train_too),
-        cmocka_unit_test(equilibrium_ends_a_run),
-        cmocka_unit_test(equilibrium_waits_for_comparable_losses),
         cmocka_unit_test(every_pipeline_trains_resumes_and_obeys_the_cap),
         cmocka_unit_test(options_out_of_range_are_named),
         cmocka_unit_test(updates_and_resets_follow_in_the_next_call),
         cmocka_unit_test(large_primitives_are_pruned_only_after_an_opacity_reset),
         cmocka_unit_test(radii_follow_the_size_of_the_images),
-        cmocka_unit_test(a_reset_restarts_the_comparison_of_losses),
         cmocka_unit_test(a_scene_in_small_units_trains_as_well),
     };
     return cmocka_run_group_tests(tests, load, unload);

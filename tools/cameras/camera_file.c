@@ -293,7 +293,7 @@ static bool fail_format(const char *path)
 bool camera_file_read(const char *path, int first, camera_list *list)
 {
     *list = (camera_list){.first = first};
-    if (!may_be_json(path))
+    if (is_colmap(path) || !may_be_json(path))
         return fail_format(path);
     json_t *root = read_json(path);
     if (!root)

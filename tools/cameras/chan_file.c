@@ -130,6 +130,33 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
     return done;
 }
 
+static int compare_frames(const void *a, const void *b)
+{
+    const int x = *(const int *)a, y = *(const int *)b;
+    return (x > y) - (x < y);
+}
+
+// False after printing the error.
+static bool frames_differ(const char *path, const camera_list *list)
+{
+    bool differ = true;
+    int *frames = malloc(list->count * sizeof *frames);
+    if (!frames) {
+        fail_run("%s: not enough memory for %zu cameras", path, list->count);
+        return false;
+    }
+    for (size_t i = 0; i < list->count; ++i)
+        frames[i] = list->cameras[i].frame;
+    qsort(frames, list->count, sizeof *frames, compare_frames);
+    for (size_t i = 1; i < list->count && differ; ++i)
+        if (frames[i] == frames[i - 1]) {
+            fail_run("%s: contains frame %d more than once", path, frames[i]);
+            differ = false;
+        }
+    free(frames);
+    return differ;
+}
+
 bool chan_file_read(const char *path, int width, int height, camera_list *list)
 {
     *list = (camera_list){.has_frames = true};
@@ -148,6 +175,7 @@ bool chan_file_read(const char *path, int width, int height, camera_list *list)
         fail_run("%s: contains no cameras", path);
         done = false;
     }
+    done = done && frames_differ(path, list);
     if (!done)
         camera_list_free(list);
     return done;

@@ -108,7 +108,7 @@ static const option compress_options[] = {
      .low = 1,
      .high = 15,
      .argument = "N",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=sog",
      .help = "bits per value of positions"},
     {.name = "dc-bits",
@@ -117,7 +117,7 @@ static const option compress_options[] = {
      .low = 1,
      .high = 15,
      .argument = "N",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=sog",
      .help = "bits per value of SH band 0"},
     {.name = "sh-bits",
@@ -126,7 +126,7 @@ static const option compress_options[] = {
      .low = 1,
      .high = 15,
      .argument = "N",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=sog",
      .help = "bits per value of the other SH bands"},
     {.name = "scale-bits",
@@ -135,7 +135,7 @@ static const option compress_options[] = {
      .low = 1,
      .high = 15,
      .argument = "N",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=sog",
      .help = "bits per value of scales"},
     {.name = "rotation-bits",
@@ -144,7 +144,7 @@ static const option compress_options[] = {
      .low = 1,
      .high = 15,
      .argument = "N",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=sog",
      .help = "bits per value of rotations"},
     {.name = "opacity-bits",
@@ -153,7 +153,7 @@ static const option compress_options[] = {
      .low = 1,
      .high = 15,
      .argument = "N",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=sog",
      .help = "bits per value of opacities"},
     {.name = "vq-ratio",
@@ -162,7 +162,7 @@ static const option compress_options[] = {
      .low = 0.001,
      .high = 1,
      .argument = "R",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=lightgaussian",
      .help = "fraction of the primitives whose SH coefficients come from the codebook"},
     {.name = "distill",
@@ -228,7 +228,7 @@ static const option compress_options[] = {
      .low = 0.001,
      .high = 1000,
      .argument = "X",
-     .shown = "of the preset",
+     .shown = "set by the preset",
      .needs = "method=fcgs-like",
      .help = "multiplier of all quantiser steps"},
     {.name = "codec",
@@ -354,7 +354,7 @@ static int check_values(const command_line *line, const compress_values *values)
         return fail_usage("--distill: the distillation requires a scene; add the argument SCENE");
     if (!has_scene && values->keep > 0 && values->keep < 1 &&
         (values->method == SGS_COMPRESS_LIGHTGAUSSIAN || values->method == SGS_COMPRESS_MESONGS))
-        return fail_usage("--keep: the importance of primitives requires a scene; add the operand "
+        return fail_usage("--keep: the importance of primitives requires a scene; add the argument "
                           "SCENE");
     if (values->finetune > 0 && !fine_tunes(values))
         return refuse_idle(line, "finetune", "on lightgaussian without --keep below 1");

@@ -385,7 +385,7 @@ int command_eval(int argc, char **argv)
             drawing_resolve(&drawing, &call.line, located.config, &data, scene);
             json_t *exposures = NULL;
             if ((option_given(&call.line, "split") || held_out_found(&data, scene)) &&
-                exposure_of_model(&located, &exposures))
+                exposure_of_model(&located, scene, &exposures))
                 status = evaluate_model(&call.line, &located, exposures, lpips, scene, &drawing,
                                         &values, call.common.json);
             json_decref(exposures);

@@ -77,7 +77,8 @@ static const option prune_options[] = {
      .argument = "FILE",
      .shown = "none",
      .needs = "method=rap",
-     .help = "RAP's network weights, net_f15.pth from its authors; required for scores"},
+     .help = "RAP's network weights, net_f15.pth from its authors; required "
+             "to compute scores"},
     {.name = "features",
      .kind = OPTION_TEXT,
      .path = PATH_OUTPUT,

@@ -160,8 +160,8 @@ static const option render_options[] = {
      .kind = OPTION_FLAG,
      .offset = AT(skip_existing),
      .needs = "output",
-     .help = "skip frames whose files all exist, to continue a command that was stopped; other "
-             "files (cameras) are written for all frames; not with --video"},
+     .help = "skip frames whose files all exist and are not empty, to continue a command that was "
+             "stopped; other files (cameras) are written for all frames; not with --video"},
     {.name = "size",
      .kind = OPTION_TEXT,
      .offset = AT(size),

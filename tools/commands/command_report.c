@@ -283,7 +283,7 @@ static json_t *draw_picture(const char *folder, const char *path, const json_t *
         if (scene)
             drawing_resolve(&drawing, &nothing, located.config, &data, scene);
         const bool ready = view && model_read(&located, &drawing, &model) &&
-                           exposure_of_model(&located, &exposures) &&
+                           exposure_of_model(&located, scene, &exposures) &&
                            evaluator_open(&evaluation, model, scene, &drawing);
         evaluation.exposures = exposures;
         if (ready && evaluate_view(&evaluation, view, &score, &images)) {

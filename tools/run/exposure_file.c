@@ -66,7 +66,26 @@ json_t *exposure_read(const char *path, bool *failed)
     return NULL;
 }
 
-bool exposure_of_model(const model_path *located, json_t **exposures)
+// Names the maps as the scene's views if none has such a name, see sgs_scene_find_recorded.
+static void rename_maps(const sgs_scene *scene, json_t **exposures)
+{
+    const char *name;
+    json_t *map;
+    json_t *renamed = json_object();
+    bool exact = false;
+    json_object_foreach(*exposures, name, map)
+    {
+        exact = exact || sgs_scene_find_recorded(scene, name, false) >= 0;
+        const ptrdiff_t view = sgs_scene_find_recorded(scene, name, true);
+        if (view >= 0)
+            json_object_set(renamed, scene->views[view].name, map);
+    }
+    json_t *kept = exact ? *exposures : renamed;
+    json_decref(exact ? renamed : *exposures);
+    *exposures = kept;
+}
+
+bool exposure_of_model(const model_path *located, const sgs_scene *scene, json_t **exposures)
 {
     bool damaged = false;
     *exposures = NULL;
@@ -81,6 +100,8 @@ bool exposure_of_model(const model_path *located, json_t **exposures)
     }
     *exposures = exposure_read(path, &damaged);
     free(path);
+    if (*exposures)
+        rename_maps(scene, exposures);
     return !damaged;
 }
 

@@ -20,9 +20,10 @@ bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer 
 json_t *exposure_read(const char *path, bool *failed);
 
 // Those of a model of a run, beside the model or, for a model derived from it, in the run folder.
-// NULL if the run was trained without --exposure or there is no run; to be released. False after
-// printing the error.
-bool exposure_of_model(const model_path *located, json_t **exposures);
+// NULL if the run was trained without --exposure or there is no run; to be released. The names are
+// those of the scene's views: if none of the file is, they are searched in other folders. False
+// after printing the error.
+bool exposure_of_model(const model_path *located, const sgs_scene *scene, json_t **exposures);
 
 // Warns that fine-tuning a model of a run with --exposure does not compensate exposure.
 void exposure_warn_finetune(const char *path, const json_t *config);

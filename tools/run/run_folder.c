@@ -122,13 +122,11 @@ static bool has_state(const char *folder)
     return has;
 }
 
-// What a new run would replace in a folder into which sparegs has never written, or NULL.
-static const char *foreign_entry(const run_folder *folder)
+// The output of a run in a folder without config.json that a new run would replace, or NULL.
+static const char *unmarked_entry(const run_folder *folder)
 {
     char model[4096];
     int iteration;
-    if (folder->was_locked || run_folder_is_used(folder))
-        return NULL;
     if (!sgs_run_model_path(folder->path, model, sizeof model, &iteration))
         return "models";
     if (has_state(folder->path))
@@ -144,15 +142,23 @@ static const char *foreign_entry(const run_folder *folder)
     return found;
 }
 
+static void unlink_lock(const run_folder *folder)
+{
+    char *path = lock_path(folder);
+    if (folder->shared_lock >= 0)
+        unlink(path);
+    free(path);
+}
+
 bool run_folder_admits(const run_folder *folder, bool overwrite, const char *advice)
 {
     const bool used = run_folder_is_used(folder);
-    const char *foreign = foreign_entry(folder);
+    const char *foreign = used || folder->was_locked ? NULL : unmarked_entry(folder);
     if (foreign) {
         fail_run("%s: contains %s, but no config.json: the output of another program; move it "
                  "away, or choose another folder",
                  folder->path, foreign);
-        run_folder_leave(folder);
+        unlink_lock(folder);
         return false;
     }
     if (used && !overwrite)
@@ -335,12 +341,9 @@ void run_folder_clean(const run_folder *folder)
 
 void run_folder_leave(const run_folder *folder)
 {
-    if (run_folder_is_used(folder))
+    if (run_folder_is_used(folder) || unmarked_entry(folder))
         return;
-    char *path = lock_path(folder);
-    if (folder->shared_lock >= 0)
-        unlink(path);
-    free(path);
+    unlink_lock(folder);
     rmdir(folder->path); // fails, as intended, if the folder is not empty
 }
 

@@ -121,13 +121,16 @@ check_command() {
     done
 }
 
-# run_script SCRIPT FOLDER: runs it there; every command must succeed.
+# run_script SCRIPT FOLDER: runs it there; every command must succeed. Training runs of 200 or 300 iterations have 60, unless
+# test_cli_parts_long runs them.
 run_script() {
+    local shorter='s/(--iterations )[23]00\b/\160/'
+    if is_long; then shorter=; fi
     {
         echo 'set -euo pipefail'
         # shellcheck disable=SC2016 # for the script
         echo 'trap '\''echo "failed: $BASH_COMMAND" >&2'\'' ERR'
-        sed 's/ && /\n/g' "$1" # alone, a command left of && may fail unseen
+        sed -E -e 's/ && /\n/g' -e "$shorter" "$1" # alone, a command left of && may fail unseen
     } >"$1.run"
     (cd "$2" && PATH=$bin:$PATH timeout 600 bash "$1.run" </dev/null >"$1.out" 2>"$1.err")
 }

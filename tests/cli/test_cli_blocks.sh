@@ -73,7 +73,7 @@ one_line
 rm -r "$dir/coarse"
 mv "$dir/kept" "$dir/coarse"
 
-# a_signal_saves_the_state_and_requeues_the_task (a scontrol that records its arguments stands in for Slurm's)
+# signals_save_the_state_and_usr2_requeues_the_task (a scontrol that records its arguments stands in for Slurm's)
 mkdir "$temporary/bin"
 printf '#!/bin/bash\necho "$@" >"%s/requeued"\n' "$temporary" >"$temporary/bin/scontrol"
 chmod +x "$temporary/bin/scontrol"
@@ -82,28 +82,43 @@ task() { # ID [NAME=VALUE...]: starts task 1 of the two blocks in the background
         bash "$temporary/json/blocks.sh" --iterations 100000 "${options[@]}" >/dev/null 2>"$temporary/stderr" &
     job=$!
 }
-stop_after() { # ITERATION: waits for it, then sends SIGTERM to the shell only, as --signal=B:TERM does
+stop_after() { # ITERATION SIGNAL...: waits for it, then sends the signals to the shell only, as --signal=B:USR2 does
     for _ in $(seq 600); do
         if [ "$(tail -n 1 "$temporary/json/block_1/train.csv" 2>/dev/null | cut -d, -f1 | grep -x '[0-9]*' || echo 0)" -ge "$1" ]; then break; fi
         sleep 0.1
     done
-    kill -TERM "$job"
+    for signal in "${@:2}"; do
+        kill "-$signal" "$job"
+        sleep 0.01
+    done
     status=0
     wait "$job" || status=$?
 }
-last_command="blocks.sh and SIGTERM"
+last_command="blocks.sh and SIGTERM" # of scancel
+check the_signal_is_that_of_the_traps grep -qx '#SBATCH --signal=B:USR2@300' "$temporary/json/blocks.sh"
+task 40
+stop_after 100 TERM
+check the_status_is_that_of_sigterm test "$status" -eq 143
+check the_task_ends test ! -e "$temporary/requeued"
+json "$temporary/json/block_1/summary.json" '.stop_reason == "signal" and .iterations >= 100'
+first=$(jq .iterations "$temporary/json/block_1/summary.json")
+task 40
+stop_after $((first + 100)) USR2 TERM
+check a_task_that_is_cancelled_while_it_saves_ends test "$status" -eq 143 -a ! -e "$temporary/requeued"
+last_command="blocks.sh and SIGUSR2" # before the time limit
+first=$(jq .iterations "$temporary/json/block_1/summary.json")
 task 41
-stop_after 100
+stop_after $((first + 100)) USR2
 check the_status_is_that_of_sigterm test "$status" -eq 143
 check the_task_is_requeued grep -qx 'requeue 41' "$temporary/requeued"
-json "$temporary/json/block_1/summary.json" '.stop_reason == "signal" and .iterations >= 100'
+json "$temporary/json/block_1/summary.json" ".stop_reason == \"signal\" and .iterations > $first"
 first=$(jq .iterations "$temporary/json/block_1/summary.json")
 # The last task of an array has the job ID of the array, by which scontrol would requeue all of its tasks.
 task 42 SLURM_ARRAY_JOB_ID=42
-stop_after $((first + 100))
+stop_after $((first + 100)) USR2
 check only_its_task_is_requeued grep -qx 'requeue 42_1' "$temporary/requeued"
 json "$temporary/json/block_1/summary.json" ".iterations > $first"
-json "$temporary/json/block_1/config.json" ".resumed[0].iteration == $first"
+json "$temporary/json/block_1/config.json" ".resumed[-1].iteration == $first"
 
 # a_block_reads_its_views_only_and_keeps_the_split_of_the_scene
 json "$dir/block_0/config.json" '.block.index == 0 and (.block.scene_hash | length) == 16 and (.options.region | startswith("-inf"))'

@@ -11,8 +11,9 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 
-// Common to both scripts. Slurm sends SIGTERM to the shell 300 s before the limit (B: the shell
-// only). sparegs saves its state and exits with 143, and the job is requeued.
+// Common to both scripts. Slurm sends SIGUSR2 to the shell 300 s before the limit (B: the shell
+// only): sparegs saves its state and exits with 143, and the job is requeued. SIGTERM comes from
+// scancel, which ends the job, or from a pre-emption, after which Slurm requeues the job itself.
 static const char body[] =
     "set -u\n"
     "scene=%s\n"
@@ -30,20 +31,18 @@ static const char body[] =
     "\n"
     "# train OUT OPTION...: starts a training or continues it. Returns its exit status.\n"
     "train() {\n"
-    "    local out=$1 status=0\n"
+    "    local out=$1 status=0 requeue=\n"
     "    shift\n"
     "    if [ -e \"$out/config.json\" ]; then set -- \"$@\" --resume; fi\n"
     "    \"$sparegs\" train \"$scene\" -o \"$out\" \"$@\" &\n"
     "    local pid=$!\n"
-    "    trap 'kill -TERM $pid' TERM INT\n"
+    "    trap 'requeue=1; kill -USR2 $pid' USR2\n"
+    "    trap 'requeue=; kill -TERM $pid' TERM INT\n"
+    "    wait \"$pid\"\n"
+    "    while kill -0 \"$pid\" 2>/dev/null; do wait \"$pid\"; done # a signal ends a wait\n"
     "    wait \"$pid\" || status=$?\n"
-    "    while kill -0 \"$pid\" 2>/dev/null; do # a signal ended the wait; the state is being "
-    "saved\n"
-    "        status=0\n"
-    "        wait \"$pid\" || status=$?\n"
-    "    done\n"
-    "    trap - TERM INT\n"
-    "    if [ \"$status\" -eq 143 ] && [ -n \"${SLURM_JOB_ID:-}\" ]; then\n"
+    "    trap - USR2 TERM INT\n"
+    "    if [ -n \"$requeue\" ] && [ \"$status\" -eq 143 ] && [ -n \"${SLURM_JOB_ID:-}\" ]; then\n"
     "        local job=$SLURM_JOB_ID\n"
     "        if [ -n \"${SLURM_ARRAY_JOB_ID:-}\" ]; then # the ID of a task may be that of all\n"
     "            job=${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID\n"
@@ -59,7 +58,7 @@ static const char settings[] = "#SBATCH --nodes=1\n"
                                "#SBATCH --exclusive\n"
                                "#SBATCH --requeue\n"
                                "#SBATCH --open-mode=append\n"
-                               "#SBATCH --signal=B:TERM@300\n";
+                               "#SBATCH --signal=B:USR2@300\n";
 
 // The absolute path, quoted for the shell. NULL after printing the error.
 static char *quoted_path(const char *path)

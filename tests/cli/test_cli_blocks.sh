@@ -16,6 +16,7 @@ prints "block    points   views   box"
 json "$dir/blocks.json" '(.blocks | length) == 3 and ([.blocks[].points] | add) == '"$("$program" info "$room" --json | jq .points)"
 json "$dir/blocks.json" '[.blocks[] | .low + .high | map(select(. == null)) | length] | all(. >= 3 and . <= 5)'
 check scripts_are_valid bash -n "$dir/blocks.sh" "$dir/coarse.sh"
+check a_task_has_a_whole_machine test "$(grep -cxE '#SBATCH --(exclusive|mem=0)' "$dir/blocks.sh")" = 2
 check the_array_has_a_task_per_block grep -qx '#SBATCH --array=0-2' "$dir/blocks.sh"
 run 1 split "$room" -o "$dir"
 reports "blocks/blocks.json: already exists, and trained blocks depend on it; choose another folder"

@@ -56,6 +56,7 @@ static const char body[] =
 static const char settings[] = "#SBATCH --nodes=1\n"
                                "#SBATCH --ntasks=1\n"
                                "#SBATCH --exclusive\n"
+                               "#SBATCH --mem=0\n"
                                "#SBATCH --requeue\n"
                                "#SBATCH --open-mode=append\n"
                                "#SBATCH --signal=B:USR2@300\n";

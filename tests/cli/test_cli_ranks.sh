@@ -24,6 +24,21 @@ same_hash() { check "same_hash: $1 $2" test "$(hash_of "$1")" = "$(hash_of "$2")
 
 common=("$room" --downscale 4 --eval --iterations 120 --threads 1 --quiet)
 
+# ---- Memory: the ranks of a machine share it ----
+mkdir "$temporary/empty"
+cp -r "$room/images" "$room/sparse" "$temporary/empty/"
+rm "$temporary"/empty/sparse/0/points3D.*
+if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 100000000 ]; then
+    limit_of() { sed -nE 's/.*more than the memory of the machine.* \(([0-9.]+) GiB\).*/\1/p' "$temporary/stderr"; }
+    huge=("$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 --quiet -o "$temporary/refused")
+    run 1 train "${huge[@]}"
+    whole=$(limit_of)
+    ranks 1 2 train "${huge[@]}"
+    reports "more than the memory of the machine divided by 2 ranks"
+    one_voice
+    check half_for_each_rank awk -v a="$whole" -v b="$(limit_of)" 'BEGIN { exit !(a > 0 && b > 0.49 * a && b < 0.51 * a) }'
+fi
+
 # ---- The same bits ----
 run 0 train "${common[@]}" --exposure -o "$temporary/one"
 json "$temporary/one/summary.json" '.ranks == 1'

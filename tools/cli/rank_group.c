@@ -18,6 +18,7 @@
 #include "sparegs/runtime.h"
 
 static sgs_ranks *ranks;
+static int machine_ranks = 1;
 static bool told;         // the failure of a call is printed
 static int silenced = -1; // standard error of a rank other than 0
 static bool cancelled;    // a rank was stopped while it loaded the scene
@@ -63,6 +64,23 @@ void group_check_binding(void)
                       own, machine, threads, threads == 1 ? "" : "s");
 }
 
+// Counts the ranks with the host name of this one. A failure is that of the next collective call.
+static void count_machine_ranks(void)
+{
+    char own[64] = "";
+    gethostname(own, sizeof own - 1);
+    char *all = malloc((size_t)group_count() * sizeof own);
+    const sgs_status memory = all ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
+    if (sgs_ranks_gather(ranks, memory, own, sizeof own, all)) {
+        free(all);
+        return;
+    }
+    machine_ranks = 0;
+    for (int r = 0; r < group_count(); ++r)
+        machine_ranks += !memcmp(all + (size_t)r * sizeof own, own, sizeof own);
+    free(all);
+}
+
 int group_open(const char *command, bool supported)
 {
     const int count = sgs_ranks_launched(NULL);
@@ -75,6 +93,8 @@ int group_open(const char *command, bool supported)
     if (sgs_ranks_open(NULL, &ranks))
         return fail_library();
     sgs_ranks_forget_launcher();
+    if (ranks)
+        count_machine_ranks();
     return -1;
 }
 
@@ -106,6 +126,11 @@ bool group_leads(void)
 int group_count(void)
 {
     return sgs_ranks_count(ranks);
+}
+
+int group_machine_ranks(void)
+{
+    return machine_ranks;
 }
 
 static const struct {

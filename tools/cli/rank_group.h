@@ -45,6 +45,8 @@ int group_close(int status);
 sgs_ranks *group_ranks(void);
 bool group_leads(void); // rank 0, or no ranks
 int group_count(void);  // 1 without ranks
+// Ranks on this machine, which share its memory: those with the same host name; 1 without ranks.
+int group_machine_ranks(void);
 
 // Collective: true if all ranks pass true. Rank 0 prints the error of a rank that passes false: the
 // last one that this rank has passed to fail_run() or fail_library(). Rank 0 prints its own error

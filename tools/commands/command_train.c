@@ -88,7 +88,7 @@ static bool load_scene(training *run)
 }
 
 // Estimates the memory of the images and the initial model before loading. It must not exceed
-// --max-memory or, without that option, the memory of the machine.
+// --max-memory or, without that option, the memory of the machine divided by its ranks.
 static bool memory_suffices(const training *run)
 {
     messages_hear_library(false); // the same warnings follow when the images are loaded

@@ -53,16 +53,22 @@ bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size
     const double without = (double)sgs_train_memory_per_rank(scene, options, image_cache, 0, ranks);
     const double required =
         (double)sgs_train_memory_per_rank(scene, options, image_cache, count, ranks);
-    const double limit = max_memory ? (double)max_memory : (double)sgs_machine_memory();
+    const int neighbours = group_machine_ranks();
+    const double limit =
+        max_memory ? (double)max_memory : (double)sgs_machine_memory() / neighbours;
     if (required <= limit)
         return true;
+    char *name = max_memory ? format_text("--max-memory")
+                 : neighbours > 1
+                     ? format_text("the memory of the machine divided by %d ranks", neighbours)
+                     : format_text("the memory of the machine");
     const int digits = distinct_digits(required / 0x1p30, limit / 0x1p30);
     fail_run("%s: training requires about %.*f GiB (images and program %.*f GiB, initial model of "
              "%zu primitives %.*f GiB), more than %s (%.*f GiB); reduce --image-cache or "
              "--max-gaussians, use --downscale%s",
              scene->path, digits, required / 0x1p30, digits, without / 0x1p30, count, digits,
-             (required - without) / 0x1p30,
-             max_memory ? "--max-memory" : "the memory of the machine", digits, limit / 0x1p30,
+             (required - without) / 0x1p30, name, digits, limit / 0x1p30,
              max_memory ? "" : ", or allow it with a larger --max-memory");
+    free(name);
     return false;
 }

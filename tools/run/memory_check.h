@@ -14,6 +14,7 @@
 size_t memory_first_count(const sgs_scene *scene, const train_values *values, size_t continued);
 
 // Compares the estimate for `count` primitives with max_memory or, if that is 0, with the memory of
-// the machine. The images of the scene need not be loaded. False after printing the error.
+// the machine divided by the ranks that run on it. The images of the scene need not be loaded.
+// False after printing the error.
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
                   size_t count, uint64_t max_memory);

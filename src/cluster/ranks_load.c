@@ -16,12 +16,13 @@
 typedef struct launcher {
     const char *count, *rank;
     const char *plugin; // NULL: that of whichever library is installed
+    bool may_be_srun;   // sets them, for processes of any MPI library
 } launcher;
 
 static const launcher launchers[] = {
-    {"OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK", "ranks-openmpi.so"},
-    {"PMI_SIZE", "PMI_RANK", "ranks-mpich.so"},
-    {"SLURM_STEP_NUM_TASKS", "SLURM_PROCID", NULL},
+    {"OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK", "ranks-openmpi.so", false},
+    {"PMI_SIZE", "PMI_RANK", "ranks-mpich.so", true}, // the MPI type pmi2 of srun
+    {"SLURM_STEP_NUM_TASKS", "SLURM_PROCID", NULL, true},
 };
 enum { LAUNCHERS = sizeof launchers / sizeof *launchers };
 
@@ -76,12 +77,15 @@ static bool try_plugin(const char *folder, const char *name, sgsi_transport *tra
     return false;
 }
 
-static bool find_plugin(const char *folder, const char *wanted, sgsi_transport *transport,
+// Tries the plug-in of the launcher, if it has one, and with `others` those of the other libraries.
+static bool find_plugin(const char *folder, const char *own, bool others, sgsi_transport *transport,
                         char *reason, size_t bytes)
 {
     static const char *const names[] = {"ranks-openmpi.so", "ranks-mpich.so"};
-    for (size_t n = 0; n < 2; ++n)
-        if ((!wanted || !strcmp(names[n], wanted)) &&
+    if (own && try_plugin(folder, own, transport, reason, bytes))
+        return true;
+    for (size_t n = 0; n < 2 && others; ++n)
+        if ((!own || strcmp(names[n], own) != 0) &&
             try_plugin(folder, names[n], transport, reason, bytes))
             return true;
     return false;
@@ -96,7 +100,10 @@ sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks)
         return SGS_STATUS_OK;
     char reason[512] = "it is not installed next to the program or in " SGSI_PLUGIN_DIR;
     sgsi_transport transport;
-    if (!find_plugin(folder, found->plugin, &transport, reason, sizeof reason))
+    const bool slurm =
+        found->may_be_srun && (getenv("SLURM_STEP_ID") || getenv("SLURM_STEP_NUM_TASKS"));
+    if (!find_plugin(folder, found->plugin, !found->plugin || slurm, &transport, reason,
+                     sizeof reason))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%d processes were launched, but the MPI plug-in %s cannot be loaded: %s; "
                          "install libopenmpi-dev (or libmpich-dev) and build sparegs with "
@@ -107,7 +114,10 @@ sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks)
     transport.close(transport.state);
     return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                      "%d processes were launched, but MPI connects %d of them: the launcher does "
-                     "not support the MPI library; select PMIx as the MPI type of srun, or use the "
-                     "mpirun of the library that sparegs was built with",
-                     count, transport.count);
+                     "not support the MPI library; %suse the mpirun of the library that sparegs "
+                     "was built with",
+                     count, transport.count,
+                     slurm ? "select another MPI type of srun, of those that 'srun --mpi=list' "
+                             "prints (pmix for Open MPI; pmix or pmi2 for MPICH), or "
+                           : "");
 }

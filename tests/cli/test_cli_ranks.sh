@@ -309,13 +309,25 @@ chmod +x "$program"
 ranks 1 2 train "${common[@]}" -o "$temporary/refused"
 check rank_1_alone_has_none grep -qE '^sparegs: rank 1 \(.*\): .*the MPI plug-in ranks-' "$temporary/stderr"
 program=$real
-# srun without PMIx: each process is alone, although Slurm announces two. Nothing is trained several times.
+# srun without PMIx: each process is alone, although Slurm announces two. Nothing is trained several times. With
+# --mpi=pmi2, srun sets the variables of MPICH, which may not be installed.
 if [ "${#launcher[@]}" -gt 1 ]; then
-    SLURM_STEP_NUM_TASKS=2 SLURM_PROCID=0 run 1 train "${common[@]}" -o "$temporary/refused"
-    reports "2 processes were launched, but MPI connects 1 of them"
-    reports "select PMIx as the MPI type of srun"
-    one_line
-    check nothing_written test ! -e "$temporary/refused"
+    mkdir "$temporary/openmpi"
+    cp "$program" "$SPAREGS_BUILD/ranks-openmpi.so" "$temporary/openmpi/"
+    program=$temporary/openmpi/sparegs
+    for announced in "SLURM_STEP_NUM_TASKS=2 SLURM_PROCID=0" "SLURM_STEP_ID=0 PMI_SIZE=2 PMI_RANK=0"; do
+        # shellcheck disable=SC2086 # several variables
+        export $announced
+        run 1 train "${common[@]}" -o "$temporary/refused"
+        reports "2 processes were launched, but MPI connects 1 of them"
+        reports "select another MPI type of srun, of those that 'srun --mpi=list' prints"
+        one_line
+        check nothing_written test ! -e "$temporary/refused"
+        unset SLURM_STEP_NUM_TASKS SLURM_PROCID SLURM_STEP_ID PMI_SIZE PMI_RANK
+    done
+    PMI_SIZE=2 PMI_RANK=0 run 1 train "${common[@]}" -o "$temporary/refused" # of MPICH's own launcher
+    reports "the MPI plug-in ranks-mpich.so cannot be loaded"
+    program=$real
 fi
 # The launcher ends the job with the first rank that fails; the message of rank 0 must not be lost.
 attempts=1

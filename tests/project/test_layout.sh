@@ -161,17 +161,17 @@ while read -r file; do
 done < <(grep -L 'SPDX-License-Identifier: Apache-2.0' "${sources[@]}")
 duplicates=$(printf '%s\n' "${sources[@]##*/}" | grep -v '^CMakeLists.txt$' | sort | uniq -d)
 [ -z "$duplicates" ] || fail "file names are unique in the repository: $duplicates"
-# deny REASON PATTERN FILE...: fails if a line of the files matches.
+# deny REASON PATTERN FILE...: fails if a line of the files matches, unless it has the text $allowed.
 deny() {
     local why=$1 pattern=$2 found
     shift 2
-    if found=$(grep -nHE -- "$pattern" "$@"); then
+    if found=$(grep -nHE -- "$pattern" "$@" | grep -v -- "${allowed:-^$}"); then
         fail "$why:
 $found"
     fi
 }
 deny "a path of one machine" '(^|[^[:alnum:]_.])/(home|root|work|Users|mnt)/[[:alnum:]_]' "${sources[@]}" ./*.md src/*.md tools/manual/*.md
-deny "a message of the library names a flag of the command line; name the option's field" '"[^"]*--[a-z]' "${src[@]}" "${bvh[@]}" "${spare[@]}"
+allowed="srun --mpi=list" deny "a message of the library names a flag of the command line; name the option's field" '"[^"]*--[a-z]' "${src[@]}" "${bvh[@]}" "${spare[@]}"
 deny "unfinished work" '\b(TODO|FIXME|XXX)\b' "${public[@]}" "${src[@]}" "${bvh[@]}" "${spare[@]}" "${tools[@]}"
 
 # ---- Architecture page ----

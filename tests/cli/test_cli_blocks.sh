@@ -121,6 +121,15 @@ check only_its_task_is_requeued grep -qx 'requeue 42_1' "$temporary/requeued"
 json "$temporary/json/block_1/summary.json" ".iterations > $first"
 json "$temporary/json/block_1/config.json" ".resumed[-1].iteration == $first"
 
+# the_scene_may_be_a_copy, and its path any text
+odd="$temporary/odd {scene} it's"
+cp -r "$room" "$odd"
+run 0 split "$odd" -o "$temporary/odd_blocks" --blocks 2
+check odd_paths_are_quoted bash "$temporary/odd_blocks/coarse.sh" --iterations 10 "${options[@]}"
+json "$temporary/odd_blocks/coarse/config.json" ".scene == \"$odd\""
+check a_copy_is_read env SCENE="$room" SLURM_ARRAY_TASK_ID=0 bash "$temporary/odd_blocks/blocks.sh" --iterations 10 "${options[@]}"
+json "$temporary/odd_blocks/block_0/config.json" ".scene == \"$room\""
+
 # a_block_reads_its_views_only_and_keeps_the_split_of_the_scene
 json "$dir/block_0/config.json" '.block.index == 0 and (.block.scene_hash | length) == 16 and (.options.region | startswith("-inf"))'
 held_out=$("$program" eval "$dir/coarse" "$room" --downscale 16 --eval --json 2>/dev/null | jq -c '[.images[].name]')

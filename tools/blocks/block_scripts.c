@@ -16,7 +16,7 @@
 // scancel, which ends the job, or from a pre-emption, after which Slurm requeues the job itself.
 static const char body[] =
     "set -u\n"
-    "scene=%s\n"
+    "scene=${SCENE:-%s}\n"
     "folder=%s\n"
     "if [ ! -e \"$folder/blocks.json\" ]; then # moved; under sbatch, this is a copy elsewhere\n"
     "    place=$(dirname \"$0\")\n"

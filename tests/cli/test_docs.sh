@@ -224,7 +224,7 @@ inspect() {
 
 # All options of all commands, and those of other programs that the text names.
 declare -A known_options=([--version]=1 [--static]=1)
-for option in --bind-to --cpu-bind --ntasks-per-node --exclusive --mem --signal --kill-on-invalid-dep --kill-on-bad-exit; do known_options[$option]=1; done # mpirun, Slurm
+for option in --bind --bind-to --map-by --cpu-bind --ntasks-per-node --exclusive --mem --signal --kill-on-invalid-dep --kill-on-bad-exit; do known_options[$option]=1; done # mpirun, Slurm
 for option in $(printf '%s\n' "${helps[@]}" | sed -nE 's/^ +(-[a-z], )?(--[a-z-]+).*/\2/p'); do known_options[$option]=1; done
 check help_lists_options test "${#known_options[@]}" -gt 50
 

@@ -48,7 +48,9 @@ static const option output_options[] = {
      .initial = "1000",
      .shown = "1000, 0 = never",
      .unit = "iterations",
-     .help = "iterations between checkpoints of the full state; the last two are kept"},
+     .help =
+         "iterations between checkpoints of the full state; the last two are kept. Without this "
+         "option, some are skipped if they take more than 5 % of the time"},
     {.name = "time-limit",
      .kind = OPTION_DURATION,
      .offset = AT(time_limit),

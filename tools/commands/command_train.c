@@ -20,6 +20,7 @@
 #include "cli/reported_files.h"
 #include "cli/train_record.h"
 #include "commands/training.h"
+#include "run/checkpoint_pace.h"
 #include "run/evaluate_saved.h"
 #include "run/memory_check.h"
 #include "run/region_file.h"
@@ -251,14 +252,28 @@ static void save_checkpoint(training *run, int iteration, bool due)
         print_note("%s: saved a checkpoint at iteration %d", run->values.output, iteration);
 }
 
+// Whether a periodic checkpoint is saved now. Rank 0, which saves it, decides for all.
+static bool checkpoint_is_due(training *run, int iteration)
+{
+    const int every = run->values.checkpoint_every;
+    if (!every || iteration % every)
+        return false;
+    const double now = clock_seconds();
+    const checkpoint_pace pace = {.elapsed = now - run->iterating_since,
+                                  .spent = run->folder.checkpoint_total,
+                                  .age =
+                                      now - fmax(run->folder.checkpoint_at, run->iterating_since),
+                                  .intervals = ++run->folder.checkpoint_intervals};
+    return group_number(option_set(run->line, "checkpoint-every") || checkpoint_pace_allows(&pace));
+}
+
 // Periodic saves, except after the last iteration.
 static void save_due(training *run, int iteration)
 {
     if (is_save_point(run, iteration) &&
         !run_folder_share_trained(&run->folder, run->scene, run->trainer, iteration))
         print_warning("the model of iteration %d was not saved; training continues", iteration);
-    save_checkpoint(run, iteration,
-                    run->values.checkpoint_every && iteration % run->values.checkpoint_every == 0);
+    save_checkpoint(run, iteration, checkpoint_is_due(run, iteration));
 }
 
 // Seconds that one more iteration and saving may take.
@@ -410,6 +425,7 @@ static bool iterate_once(training *run, trace_file *trace)
 static bool iterate(training *run, trace_file *trace)
 {
     progress_start(sgs_trainer_iteration(run->trainer));
+    run->iterating_since = clock_seconds();
     bool done = true;
     while (done && run->stop == SGS_STOP_NONE) {
         run->stop = stop_requested(run);

@@ -32,6 +32,7 @@ typedef struct training {
     training_view *view; // NULL without --view
     run_folder folder;
     double started, load_seconds, train_seconds, longest_step;
+    double iterating_since; // clock_seconds()
     sgs_stop_reason stop;
     // Valid after the trainer is destroyed.
     int iterations;

@@ -497,9 +497,13 @@ static bool save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     free(previous);
     const double seconds = clock_seconds() - start;
     folder->checkpoint_total += seconds;
-    if (saved && seconds > folder->checkpoint_seconds)
+    if (!saved)
+        return false;
+    if (seconds > folder->checkpoint_seconds)
         folder->checkpoint_seconds = seconds;
-    return saved;
+    folder->checkpoint_at = start + seconds;
+    folder->checkpoint_intervals = 0;
+    return true;
 }
 
 bool run_folder_has_checkpoint(const run_folder *folder)

@@ -19,6 +19,8 @@ typedef struct run_folder {
     bool was_locked; // before: sparegs wrote into the folder, which may have no config.json yet
     double checkpoint_seconds; // longest time to save a checkpoint
     double checkpoint_total;   // total time to save checkpoints
+    double checkpoint_at;      // clock_seconds() after the last one; 0: none yet
+    int checkpoint_intervals;  // between periodic checkpoints since then; counted by the caller
 } run_folder;
 
 // Creates the folder, locks it until the process ends and checks that it is writable.

@@ -1,0 +1,12 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+#include "run/checkpoint_pace.h"
+
+bool checkpoint_pace_allows(const checkpoint_pace *pace)
+{
+    enum { MOST_SECONDS = 1800, MOST_INTERVALS = 10 };
+    const double share = 0.05;
+    return pace->spent <= share * pace->elapsed || pace->age >= MOST_SECONDS ||
+           pace->intervals >= MOST_INTERVALS;
+}

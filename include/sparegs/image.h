@@ -134,9 +134,9 @@ typedef struct sgs_exr_info {
     const char *depth_definition;  // text attribute "sparegs:depthDefinition", or NULL
     const char *view_name;         // text attribute "sparegs:view", or NULL
     // fx, fy, cx, cy in pixels of a perspective camera, or NULL. Written as screenWindowWidth and
-    // screenWindowCenter, as pixelAspectRatio fy / fx (1 if they differ by at most 1 %, or a
-    // pixel of the shorter side) and, for a
-    // film back 36 mm wide, as pinholeFocalLength and sensorOverallDimensions in mm.
+    // screenWindowCenter, as pixelAspectRatio fy / fx (1 if they differ by at most 1 %, or by one
+    // pixel of the shorter side if that is more) and, for a film back 36 mm wide, as
+    // pinholeFocalLength and sensorOverallDimensions in mm.
     const double *intrinsics;
     bool is_latlong; // a latitude-longitude map of all directions: attribute envmap
     sgs_exr_compression compression;

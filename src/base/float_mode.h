@@ -5,7 +5,7 @@
 // Flushes denormals to zero inside parallel loops: Embree requires it, and denormal arithmetic
 // takes hundreds of cycles per operation.
 
-#ifdef SGSI_X86
+#ifdef __x86_64__
 #include <xmmintrin.h>
 
 typedef unsigned sgsi_float_mode;

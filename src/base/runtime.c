@@ -17,13 +17,13 @@
 #include "base/cgroup_limits.h"
 #include "base/core.h"
 
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 #include <cpuid.h>
 #endif
 
 static atomic_int chosen_isa = -1; // detected at the first call
 
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 // All extensions that the AVX2 kernels are compiled with. A virtual machine may hide some: lzcnt,
 // for example, is then executed as bsr, with another result.
 static bool has_avx2(void)
@@ -42,7 +42,7 @@ bool sgs_isa_supported(sgs_isa isa)
     switch (isa) {
     case SGS_ISA_BASELINE:
         return true;
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
     case SGS_ISA_AVX2:
         return has_avx2();
     case SGS_ISA_AVX512:
@@ -77,13 +77,16 @@ sgs_isa sgs_isa_get(void)
 
 static sgs_status fail_isa(sgs_isa isa)
 {
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
     return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                      "CPU or virtual machine lacks an extension that the %s kernels require: AVX2, "
                      "FMA, F16C, BMI1, BMI2, LZCNT, POPCNT%s",
                      sgs_isa_name(isa), isa == SGS_ISA_AVX512 ? ", AVX-512 F, BW, DQ, VL" : "");
 #else
-    return sgsi_fail(SGS_STATUS_UNSUPPORTED, "the %s kernels require x86-64", sgs_isa_name(isa));
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                     "this build has no %s kernels: they require x86-64 and a build without "
+                     "SPAREGS_PORTABLE",
+                     sgs_isa_name(isa));
 #endif
 }
 

@@ -19,7 +19,7 @@
 
 #include "base/core.h"
 #include "base/float_mode.h"
-#ifdef SGSI_X86
+#ifdef __x86_64__
 #include <immintrin.h>
 #endif
 
@@ -72,7 +72,7 @@ static bool own_key_made;
 
 static inline void breathe(void)
 {
-#ifdef SGSI_X86
+#ifdef __x86_64__
     _mm_pause();
 #elif defined(__aarch64__)
     __asm__ volatile("isb");

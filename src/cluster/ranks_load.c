@@ -78,16 +78,21 @@ static bool try_plugin(const char *folder, const char *name, sgsi_transport *tra
 }
 
 // Tries the plug-in of the launcher, if it has one, and with `others` those of the other libraries.
+// *tried: the last one, to which the reason belongs.
 static bool find_plugin(const char *folder, const char *own, bool others, sgsi_transport *transport,
-                        char *reason, size_t bytes)
+                        const char **tried, char *reason, size_t bytes)
 {
     static const char *const names[] = {"ranks-openmpi.so", "ranks-mpich.so"};
+    *tried = own;
     if (own && try_plugin(folder, own, transport, reason, bytes))
         return true;
-    for (size_t n = 0; n < 2 && others; ++n)
-        if ((!own || strcmp(names[n], own) != 0) &&
-            try_plugin(folder, names[n], transport, reason, bytes))
+    for (size_t n = 0; n < 2 && others; ++n) {
+        if (own && !strcmp(names[n], own))
+            continue;
+        *tried = names[n];
+        if (try_plugin(folder, names[n], transport, reason, bytes))
             return true;
+    }
     return false;
 }
 
@@ -102,13 +107,14 @@ sgs_status sgs_ranks_open(const char *folder, sgs_ranks **ranks)
     sgsi_transport transport;
     const bool slurm =
         found->may_be_srun && (getenv("SLURM_STEP_ID") || getenv("SLURM_STEP_NUM_TASKS"));
-    if (!find_plugin(folder, found->plugin, !found->plugin || slurm, &transport, reason,
+    const char *tried;
+    if (!find_plugin(folder, found->plugin, !found->plugin || slurm, &transport, &tried, reason,
                      sizeof reason))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%d processes were launched, but the MPI plug-in %s cannot be loaded: %s; "
                          "install libopenmpi-dev (or libmpich-dev) and build sparegs with "
                          "-DSPAREGS_MPI=ON, or start it without a launcher",
-                         count, found->plugin ? found->plugin : "ranks-openmpi.so", reason);
+                         count, tried, reason);
     if (transport.count == count)
         return sgsi_ranks_create(&transport, ranks);
     transport.close(transport.state);

@@ -18,7 +18,7 @@ typedef struct sgsi_vq_job {
 
 // Rows [begin, end) of the job.
 void sgsi_vq_nearest_baseline(const sgsi_vq_job *job, size_t begin, size_t end);
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 void sgsi_vq_nearest_avx2(const sgsi_vq_job *job, size_t begin, size_t end);
 void sgsi_vq_nearest_avx512(const sgsi_vq_job *job, size_t begin, size_t end);
 #endif

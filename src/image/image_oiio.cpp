@@ -397,6 +397,11 @@ bool is_display_gamma(const std::string &name)
            name.compare(0, 10, "g22_rec709") == 0;
 }
 
+bool is_linear_rec709(const std::string &name)
+{
+    return name == "lin_srgb" || name == "lin_rec709" || name == "lin_rec709_scene";
+}
+
 sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
                          Colors &colors)
 {
@@ -415,8 +420,7 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
         colors.encoding = Encoding::srgb;
         return SGS_STATUS_OK;
     }
-    if (name == "linear" || name == "scene_linear" || name == "lin_srgb" ||
-        name.compare(0, 10, "lin_rec709") == 0) {
+    if (name == "linear" || name == "scene_linear" || is_linear_rec709(name)) {
         colors.encoding = Encoding::linear;
         return SGS_STATUS_OK;
     }
@@ -437,8 +441,7 @@ sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, const
     const std::string named = lower(colorspace ? colorspace : "");
     const OIIO::ParamValue *attribute = spec.find_attribute(
         "chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, SGSI_CHROMATICITIES));
-    if (!attribute || colors.encoding != Encoding::linear || named == "lin_srgb" ||
-        named == "lin_rec709")
+    if (!attribute || colors.encoding != Encoding::linear || is_linear_rec709(named))
         return SGS_STATUS_OK;
     const float *const chromaticities = static_cast<const float *>(attribute->data());
     if (sgsi_primaries_are_rec709(chromaticities))

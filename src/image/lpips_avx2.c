@@ -3,7 +3,7 @@
 
 // The convolution kernel of LPIPS for AVX2 and FMA.
 
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 #define SGSI_ISA 1
 #include "simd/simd.h"
 

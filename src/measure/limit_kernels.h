@@ -19,7 +19,7 @@ typedef struct sgsi_limit_kernels {
 } sgsi_limit_kernels;
 
 extern const sgsi_limit_kernels sgsi_limit_kernels_baseline;
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 extern const sgsi_limit_kernels sgsi_limit_kernels_avx2;
 extern const sgsi_limit_kernels sgsi_limit_kernels_avx512;
 #endif

@@ -29,7 +29,7 @@ static const sgsi_limit_kernels *current_kernels(void)
     return tables[sgs_isa_get()];
 }
 
-#ifdef SGSI_X86
+#ifdef __x86_64__
 #include <x86intrin.h>
 static double measure_tsc(void)
 {

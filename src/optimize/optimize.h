@@ -51,7 +51,7 @@ sgsi_optimize_counts sgsi_optimize_blocks(const sgsi_optimize *input, size_t beg
 
 sgsi_optimize_counts sgsi_optimize_blocks_baseline(const sgsi_optimize *input, size_t begin,
                                                    size_t end);
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 sgsi_optimize_counts sgsi_optimize_blocks_avx2(const sgsi_optimize *input, size_t begin,
                                                size_t end);
 sgsi_optimize_counts sgsi_optimize_blocks_avx512(const sgsi_optimize *input, size_t begin,

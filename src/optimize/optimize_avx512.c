@@ -3,7 +3,7 @@
 
 // Optimiser step for AVX-512.
 
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 #define SGSI_ISA 2
 #include "simd/simd.h"
 #include "optimize/kernel_optimize.inl"

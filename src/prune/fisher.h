@@ -41,7 +41,7 @@ typedef struct sgsi_fisher_block {
 typedef void (*sgsi_fisher_kernel)(sgsi_fisher_block *block);
 
 void sgsi_fisher_block_baseline(sgsi_fisher_block *block);
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 void sgsi_fisher_block_avx2(sgsi_fisher_block *block);
 void sgsi_fisher_block_avx512(sgsi_fisher_block *block);
 #endif

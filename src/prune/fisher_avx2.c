@@ -3,7 +3,7 @@
 
 // The kernel of the Fisher matrices for AVX2.
 
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 #define SGSI_ISA 1
 #include "simd/simd.h"
 

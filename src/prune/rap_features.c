@@ -16,7 +16,6 @@
 #include <string.h>
 
 #include "base/compare.h"
-
 #include "base/core.h"
 #include "base/sh.h"
 #include "base/threads.h"

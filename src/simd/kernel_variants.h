@@ -8,7 +8,7 @@
 
 // Initialiser of an array [SGS_ISA_COUNT] with the variants of SGSI_KERNEL(name). Sets that this
 // processor family lacks are NULL; sgs_isa_get never returns them.
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 #define SGSI_VARIANTS(name)                                                                        \
     {                                                                                              \
         [SGS_ISA_BASELINE] = name##_baseline, [SGS_ISA_AVX2] = name##_avx2,                        \

@@ -157,7 +157,7 @@ typedef struct sgsi_kernels {
 } sgsi_kernels;
 
 extern const sgsi_kernels sgsi_kernels_baseline;
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
 extern const sgsi_kernels sgsi_kernels_avx2;
 extern const sgsi_kernels sgsi_kernels_avx512;
 #endif

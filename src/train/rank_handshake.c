@@ -49,7 +49,7 @@ static uint64_t arithmetic(void)
 // The sets of a class compute the same bits.
 static const char *isa_class(void)
 {
-#ifdef SGSI_X86
+#ifdef __x86_64__
     return sgs_isa_get() == SGS_ISA_BASELINE ? "x86-64 without fused multiply-add"
                                              : "with fused multiply-add";
 #else

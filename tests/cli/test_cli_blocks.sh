@@ -83,15 +83,12 @@ task() { # ID [NAME=VALUE...]: starts task 1 of the two blocks in the background
         bash "$temporary/json/blocks.sh" --iterations 100000 "${options[@]}" >/dev/null 2>"$temporary/stderr" &
     job=$!
 }
-stop_after() { # ITERATION SIGNAL...: waits for it, then sends the signals to the shell only, as --signal=B:USR2 does
+stop_after() { # ITERATION SIGNAL: waits for it, then sends the signal to the shell only, as --signal=B:USR2 does
     for _ in $(seq 600); do
         if [ "$(tail -n 1 "$temporary/json/block_1/train.csv" 2>/dev/null | cut -d, -f1 | grep -x '[0-9]*' || echo 0)" -ge "$1" ]; then break; fi
         sleep 0.1
     done
-    for signal in "${@:2}"; do
-        kill "-$signal" "$job"
-        sleep 0.01
-    done
+    kill "-$2" "$job"
     status=0
     wait "$job" || status=$?
 }
@@ -102,9 +99,17 @@ stop_after 100 TERM
 check the_status_is_that_of_sigterm test "$status" -eq 143
 check the_task_ends test ! -e "$temporary/requeued"
 json "$temporary/json/block_1/summary.json" '.stop_reason == "signal" and .iterations >= 100'
-first=$(jq .iterations "$temporary/json/block_1/summary.json")
-task 40
-stop_after $((first + 100)) USR2 TERM
+# A program that saves from SIGUSR2 to SIGTERM.
+printf '#!/bin/bash\ntrap "touch %s/saving" USR2\ntrap "exit 143" TERM\ntouch %s/begun\nwhile :; do sleep 0.02; done\n' \
+    "$temporary" "$temporary" >"$temporary/bin/slow"
+chmod +x "$temporary/bin/slow"
+task 40 SPAREGS="$temporary/bin/slow"
+until [ -e "$temporary/begun" ]; do sleep 0.02; done
+kill -USR2 "$job"
+until [ -e "$temporary/saving" ]; do sleep 0.02; done
+kill -TERM "$job"
+status=0
+wait "$job" || status=$?
 check a_task_that_is_cancelled_while_it_saves_ends test "$status" -eq 143 -a ! -e "$temporary/requeued"
 last_command="blocks.sh and SIGUSR2" # before the time limit
 first=$(jq .iterations "$temporary/json/block_1/summary.json")

@@ -72,7 +72,7 @@ reports "a frame of 65536x65536 pixels"
 mkdir "$temporary/empty"
 cp -r "$room/images" "$room/sparse" "$temporary/empty/"
 rm "$temporary"/empty/sparse/0/points3D.*
-if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 300000000 ]; then
+if [ "$(awk '/^(Mem|Swap)Total/ { sum += $2 } END { print sum }' /proc/meminfo)" -lt 300000000 ]; then
     run 1 train "$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 -o "$temporary/huge_run"
     reports "more than the memory of the machine"
     reports "larger --max-memory"

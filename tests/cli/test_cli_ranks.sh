@@ -28,7 +28,7 @@ common=("$room" --downscale 4 --eval --iterations 120 --threads 1 --quiet)
 mkdir "$temporary/empty"
 cp -r "$room/images" "$room/sparse" "$temporary/empty/"
 rm "$temporary"/empty/sparse/0/points3D.*
-if [ "$(awk '/^MemTotal/ { print $2 }' /proc/meminfo)" -lt 100000000 ]; then
+if [ "$(awk '/^(Mem|Swap)Total/ { sum += $2 } END { print sum }' /proc/meminfo)" -lt 100000000 ]; then
     limit_of() { sed -nE 's/.*more than the memory of the machine.* \(([0-9.]+) GiB\).*/\1/p' "$temporary/stderr"; }
     huge=("$temporary/empty" --downscale 8 --random-points 100000000 --iterations 1 --quiet -o "$temporary/refused")
     run 1 train "${huge[@]}"

@@ -29,7 +29,7 @@ static int find_probes(void **state)
 {
     (void)state;
     probes[probe_count++] = &simd_probe_baseline;
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
     if (sgs_isa_supported(SGS_ISA_AVX2))
         probes[probe_count++] = &simd_probe_avx2;
     if (sgs_isa_supported(SGS_ISA_AVX512))
@@ -482,7 +482,7 @@ static void transpose_moves_every_lane_to_its_place(void **state)
 static void avx2_and_avx512_give_the_same_bits(void **state)
 {
     (void)state;
-#ifdef SGSI_X86
+#ifdef SGSI_AVX_KERNELS
     if (!sgs_isa_supported(SGS_ISA_AVX512))
         skip();
     const simd_probe *narrow = &simd_probe_avx2, *wide = &simd_probe_avx512;

@@ -64,11 +64,24 @@ void group_check_binding(void)
                       own, machine, threads, threads == 1 ? "" : "s");
 }
 
-// Counts the ranks with the host name of this one. A failure is that of the next collective call.
+// Host name, and the boot of its kernel, because machines may have the same name.
+static void identify_machine(char key[128])
+{
+    memset(key, 0, 128);
+    gethostname(key, 64);
+    key[64] = 0;
+    FILE *boot = fopen("/proc/sys/kernel/random/boot_id", "r");
+    if (boot) {
+        (void)!fread(key + 65, 1, 36, boot);
+        fclose(boot);
+    }
+}
+
+// Counts the ranks on the machine of this one. A failure is that of the next collective call.
 static void count_machine_ranks(void)
 {
-    char own[64] = "";
-    gethostname(own, sizeof own - 1);
+    char own[128];
+    identify_machine(own);
     char *all = malloc((size_t)group_count() * sizeof own);
     const sgs_status memory = all ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
     if (sgs_ranks_gather(ranks, memory, own, sizeof own, all)) {

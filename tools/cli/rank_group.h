@@ -45,7 +45,8 @@ int group_close(int status);
 sgs_ranks *group_ranks(void);
 bool group_leads(void); // rank 0, or no ranks
 int group_count(void);  // 1 without ranks
-// Ranks on this machine, which share its memory: those with the same host name; 1 without ranks.
+// Ranks on this machine, which share its memory: those with the same host name and boot; 1 without
+// ranks.
 int group_machine_ranks(void);
 
 // Collective: true if all ranks pass true. Rank 0 prints the error of a rank that passes false: the

@@ -7,21 +7,21 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "blocks/block_plan.h"
+#include "blocks/merged_blocks.h"
+#include "blocks/seam_report.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
-#include "cli/json_result.h"
 #include "cli/json_output.h"
+#include "cli/json_result.h"
 #include "cli/model_argument.h"
 #include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
-#include "blocks/block_plan.h"
-#include "blocks/merged_blocks.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
-#include "blocks/seam_report.h"
 
 static const char description[] =
     "Joins the blocks that were trained in DIR (block_0, block_1, ... of the plan DIR/blocks.json) "

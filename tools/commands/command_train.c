@@ -279,9 +279,9 @@ static void save_due(training *run, int iteration)
 // Seconds that one more iteration and saving may take.
 static double time_needed(const training *run)
 {
-    enum { SLOW_DISK = 100000000 }; // bytes per second
+    const double slow_disk = 1e-8; // seconds per byte, before the first checkpoint
     const size_t bytes = run->trainer ? sgs_trainer_checkpoint_bytes(run->trainer) : 0;
-    const double expected = (double)bytes / SLOW_DISK;
+    const double expected = (double)bytes * fmax(run->folder.checkpoint_rate, slow_disk);
     return run->longest_step + 2 * fmax(run->folder.checkpoint_seconds, expected) + 1;
 }
 

@@ -16,8 +16,8 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "plan/plan_values.h"
 #include "cli/sub_command.h"
+#include "plan/plan_values.h"
 #include "sparegs/compress.h"
 
 // A kind of step.

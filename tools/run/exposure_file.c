@@ -66,7 +66,8 @@ json_t *exposure_read(const char *path, bool *failed)
     return NULL;
 }
 
-// Names the maps as the scene's views if none has such a name, see sgs_scene_find_recorded.
+// Names the maps as the scene's views if none has such a name, see sgs_scene_find_recorded. A view
+// that two maps may belong to has none.
 static void rename_maps(const sgs_scene *scene, json_t **exposures)
 {
     const char *name;
@@ -77,8 +78,11 @@ static void rename_maps(const sgs_scene *scene, json_t **exposures)
     {
         exact = exact || sgs_scene_find_recorded(scene, name, false) >= 0;
         const ptrdiff_t view = sgs_scene_find_recorded(scene, name, true);
-        if (view >= 0)
-            json_object_set(renamed, scene->views[view].name, map);
+        const char *found = view < 0 ? NULL : scene->views[view].name;
+        if (found && json_object_get(renamed, found)) // two images: neither
+            json_object_set_new(renamed, found, json_null());
+        else if (found)
+            json_object_set(renamed, found, map);
     }
     json_t *kept = exact ? *exposures : renamed;
     json_decref(exact ? renamed : *exposures);
@@ -115,7 +119,8 @@ void exposure_warn_finetune(const char *path, const json_t *config)
 
 bool exposure_find(const json_t *exposures, const char *name, double map[12])
 {
-    const json_t *rows = json_object_get(exposures, name);
+    const json_t *found = json_object_get(exposures, name);
+    const json_t *rows = json_is_null(found) ? NULL : found;
     for (size_t i = 0; i < 12 && rows; ++i) {
         const json_t *value = json_array_get(json_array_get(rows, i / 4), i % 4);
         if (!json_is_number(value))

@@ -14,6 +14,7 @@
 #include <fcntl.h>
 #include <ftw.h>
 #include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -499,8 +500,9 @@ static bool save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     folder->checkpoint_total += seconds;
     if (!saved)
         return false;
-    if (seconds > folder->checkpoint_seconds)
-        folder->checkpoint_seconds = seconds;
+    folder->checkpoint_seconds = fmax(folder->checkpoint_seconds, seconds);
+    folder->checkpoint_rate =
+        fmax(folder->checkpoint_rate, seconds / (double)sgs_trainer_checkpoint_bytes(trainer));
     folder->checkpoint_at = start + seconds;
     folder->checkpoint_intervals = 0;
     return true;

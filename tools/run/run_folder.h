@@ -19,6 +19,7 @@ typedef struct run_folder {
     bool was_locked; // before: sparegs wrote into the folder, which may have no config.json yet
     double checkpoint_seconds; // longest time to save a checkpoint
     double checkpoint_total;   // total time to save checkpoints
+    double checkpoint_rate;    // most seconds per byte of a checkpoint
     double checkpoint_at;      // clock_seconds() after the last one; 0: none yet
     int checkpoint_intervals;  // between periodic checkpoints since then; counted by the caller
 } run_folder;
@@ -30,7 +31,7 @@ bool run_folder_prepare(run_folder *folder, const char *path);
 // NAME.tmp.PID of the files of a run, and no other file. Ignores errors.
 void run_folder_clean(const run_folder *folder);
 
-// Removes the folder if it is empty.
+// Removes the lock and, if it is then empty, the folder, unless the folder has output of a run.
 void run_folder_leave(const run_folder *folder);
 
 // True if the folder contains the config.json of an earlier run.

@@ -23,7 +23,7 @@ git ls-files '*.c' '*.h' '*.cpp' '*.inl' | xargs clang-format --dry-run -Werror 
 # One process per file: clang-analyzer 14 confuses the va_lists of several files.
 printf '%s\0' "${files[@]}" | xargs -0 -P "$(nproc)" -n 1 clang-tidy -p "$build" --quiet 2>"$build/clang-tidy.log" || failed=1
 cppcheck --quiet --enable=warning,performance,portability --error-exitcode=1 --inline-suppr --suppressions-list=.cppcheck \
-    --std=c17 --library=posix -j "$(nproc)" -I include -I src -I . -I tools -I tests -I tests/fuzz -D_GNU_SOURCE -DSGSI_X86=1 \
+    --std=c17 --library=posix -j "$(nproc)" -I include -I src -I . -I tools -I tests -I tests/fuzz -D_GNU_SOURCE -DSGSI_AVX_KERNELS=1 \
     -DSGSI_EMBREE_MAJOR=3 "${files[@]}" || failed=1
 [ "$failed" = 0 ] && echo "lint: ${#files[@]} files, no findings"
 exit "$failed"

@@ -134,9 +134,8 @@ typedef struct sgs_exr_info {
     const char *depth_definition;  // text attribute "sparegs:depthDefinition", or NULL
     const char *view_name;         // text attribute "sparegs:view", or NULL
     // fx, fy, cx, cy in pixels of a perspective camera, or NULL. Written as screenWindowWidth and
-    // screenWindowCenter, as pixelAspectRatio fy / fx (1 if they differ by at most 1 %, or by one
-    // pixel of the shorter side if that is more) and, for a film back 36 mm wide, as
-    // pinholeFocalLength and sensorOverallDimensions in mm.
+    // screenWindowCenter, as pixelAspectRatio (sgs_pixel_aspect) and, for a film back 36 mm wide,
+    // as pinholeFocalLength and sensorOverallDimensions in mm.
     const double *intrinsics;
     bool is_latlong; // a latitude-longitude map of all directions: attribute envmap
     sgs_exr_compression compression;
@@ -156,6 +155,12 @@ typedef struct sgs_exr_info {
 // Values of color_space: linear light, and the encoding of sRGB.
 #define SGS_COLOR_LINEAR "lin_rec709_scene"
 #define SGS_COLOR_SRGB "srgb_rec709_scene"
+
+// Width of a pixel over its height, fy / fx, in an image of this size. 1 if they differ by at most
+// 1
+// %, as in calibrations of square pixels, or by one pixel of the shorter side if that is more, by
+// which sizes of downscaled images are rounded: programs would take them for another pixel format.
+SGS_API double sgs_pixel_aspect(double fx, double fy, int width, int height);
 
 // A frame rate as the rational number numerator / denominator, both > 0. Rates from 23.976 on that
 // are within 0.002 of 1000/1001 of the next integer, such as 29.97, stand for that (SMPTE ST 12-1),

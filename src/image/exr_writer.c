@@ -106,13 +106,10 @@ static exr_result_t set_text(exr_context_t context, const char *name, const char
     return text ? exr_attr_set_string(context, 0, name, text) : EXR_ERR_SUCCESS;
 }
 
-// Width of a pixel over its height. The focal lengths of a calibrated or downscaled camera with
-// square pixels differ slightly, which programs would take for another pixel format.
-static float pixel_aspect(const sgs_exr_info *info)
+double sgs_pixel_aspect(double fx, double fy, int width, int height)
 {
-    const double aspect = info->intrinsics[1] / info->intrinsics[0];
-    const double side = fmin(info->width, info->height) - 2.0 * info->overscan;
-    return fabs(aspect - 1) <= fmax(0.01, 1.0 / side) ? 1.0F : (float)aspect;
+    const double aspect = fy / fx, least = fmax(0.01, 1.0 / fmin(width, height));
+    return fabs(aspect - 1) <= least ? 1 : aspect;
 }
 
 // Focal length and film back (names of OpenEXR's standard attributes), or the kind of a panorama.
@@ -123,8 +120,7 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
     if (!info->intrinsics)
         return EXR_ERR_SUCCESS;
     const double *k = info->intrinsics;
-    const double width = info->width - 2 * info->overscan,
-                 height = info->height - 2 * info->overscan;
+    const int width = info->width - 2 * info->overscan, height = info->height - 2 * info->overscan;
     const double film_width = 36.0, focal = k[0] / width * film_width; // mm
     const exr_attr_v2f_t size = {.x = (float)film_width, .y = (float)(height / k[1] * focal)};
     // Of the image plane at distance 1, y up.
@@ -134,7 +130,8 @@ static exr_result_t set_camera(exr_context_t context, const sgs_exr_info *info)
     if (!result)
         result = exr_attr_set_v2f(context, 0, "sensorOverallDimensions", &size);
     if (!result)
-        result = exr_set_pixel_aspect_ratio(context, 0, pixel_aspect(info));
+        result = exr_set_pixel_aspect_ratio(context, 0,
+                                            (float)sgs_pixel_aspect(k[0], k[1], width, height));
     if (!result)
         result = exr_set_screen_window_center(context, 0, &center);
     return result ? result : exr_set_screen_window_width(context, 0, (float)(width / k[0]));

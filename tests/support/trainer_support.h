@@ -7,12 +7,19 @@
 #include "sparegs/scene.h"
 #include "sparegs/trainer.h"
 
-// For the setup of a group: 0 on success. The caller destroys *scene.
-static inline int room_load(int downscale, sgs_scene **scene)
+// For the setup of a group: 0 on success. Every test_every-th view is held out, 0 = none. The
+// caller destroys *scene.
+static inline int room_load_split(int downscale, int test_every, sgs_scene **scene)
 {
     sgs_scene_options options = sgs_scene_options_default();
     options.downscale = downscale;
+    options.test_every = test_every;
     return sgs_scene_load(SGSI_TEST_DATA "/room", &options, scene) != SGS_STATUS_OK;
+}
+
+static inline int room_load(int downscale, sgs_scene **scene)
+{
+    return room_load_split(downscale, sgs_scene_options_default().test_every, scene);
 }
 
 // The caller destroys it.

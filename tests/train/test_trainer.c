@@ -27,10 +27,7 @@ static sgs_scene *scene;
 static int load(void **state)
 {
     (void)state;
-    sgs_scene_options options = sgs_scene_options_default();
-    options.downscale = 8;
-    options.test_every = 8;
-    return sgs_scene_load(SGSI_TEST_DATA "/room", &options, &scene) != SGS_STATUS_OK;
+    return room_load_split(8, 8, &scene);
 }
 
 static int unload(void **state)

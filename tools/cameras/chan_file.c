@@ -15,6 +15,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/value_order.h"
 
 enum { FRAME, POSITION, ANGLES = 4, FIELD_OF_VIEW = 7, COLUMNS = 8, MOST = 1000000 };
 
@@ -130,12 +131,6 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
     return done;
 }
 
-static int compare_frames(const void *a, const void *b)
-{
-    const int x = *(const int *)a, y = *(const int *)b;
-    return (x > y) - (x < y);
-}
-
 // False after printing the error.
 static bool frames_differ(const char *path, const camera_list *list)
 {
@@ -147,7 +142,7 @@ static bool frames_differ(const char *path, const camera_list *list)
     }
     for (size_t i = 0; i < list->count; ++i)
         frames[i] = list->cameras[i].frame;
-    qsort(frames, list->count, sizeof *frames, compare_frames);
+    qsort(frames, list->count, sizeof *frames, compare_ints);
     for (size_t i = 1; i < list->count && differ; ++i)
         if (frames[i] == frames[i - 1]) {
             fail_run("%s: contains frame %d more than once", path, frames[i]);

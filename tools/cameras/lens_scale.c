@@ -5,6 +5,8 @@
 
 #include <math.h>
 
+#include "sparegs/image.h"
+
 void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy)
 {
     sgs_camera_intrinsics(camera, fx, fy, cx, cy);
@@ -20,6 +22,7 @@ double camera_pixel_aspect(const sgs_camera *camera)
 {
     double fx, fy, cx, cy;
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
-    const double aspect = fy / fx, least = fmax(0.01, 1.0 / fmin(camera->width, camera->height));
-    return camera->model == SGS_CAMERA_EQUIRECTANGULAR || fabs(aspect - 1) <= least ? 1 : aspect;
+    return camera->model == SGS_CAMERA_EQUIRECTANGULAR
+               ? 1
+               : sgs_pixel_aspect(fx, fy, camera->width, camera->height);
 }

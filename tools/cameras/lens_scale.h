@@ -10,7 +10,5 @@
 // in pixels. They are those of the lens, except for COLMAP's FOV, whose scale there is not 1.
 void camera_paraxial(const sgs_camera *camera, double *fx, double *fy, double *cx, double *cy);
 
-// Width of a pixel over its height, fy / fx (anamorphic lenses). 1 for panoramas, and if they
-// differ by at most 1 %, as in calibrations of square pixels, or a pixel of the shorter side, which
-// sizes of downscaled images are rounded by.
+// sgs_pixel_aspect of the camera (anamorphic lenses); 1 for panoramas.
 double camera_pixel_aspect(const sgs_camera *camera);

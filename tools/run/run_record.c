@@ -44,24 +44,6 @@ void run_record_milestones(json_t *config, const sgs_trainer *trainer)
     json_object_set_new(config, "milestones", json);
 }
 
-// The name in an element of a list: its member `key`, or the element itself. NULL if it is no text.
-static const char *listed_name(const json_t *element, const char *key)
-{
-    return json_string_value(key ? json_object_get(element, key) : element);
-}
-
-// True if one of the listed names is exactly that of a view. Otherwise the names are compared
-// without the folders in front, which change with the way a data set is exported.
-static bool any_exact(const sgs_scene *scene, const json_t *list, const char *key)
-{
-    for (size_t k = 0; k < json_array_size(list); ++k) {
-        const char *name = listed_name(json_array_get(list, k), key);
-        if (name && sgs_scene_find_recorded(scene, name, false) >= 0)
-            return true;
-    }
-    return false;
-}
-
 bool run_record_split_agrees(const char *config_path, const json_t *config, const sgs_scene *scene)
 {
     const json_t *list = json_object_get(config, "test_images");
@@ -74,6 +56,24 @@ bool run_record_split_agrees(const char *config_path, const json_t *config, cons
         return false;
     }
     return true;
+}
+
+// The name of a camera in cameras.json, or NULL.
+static const char *camera_name(const json_t *camera)
+{
+    return json_string_value(json_object_get(camera, "img_name"));
+}
+
+// True if one of the cameras has exactly the name of a view. Otherwise the names are compared
+// without the folders in front, which change with the way a data set is exported.
+static bool any_exact(const sgs_scene *scene, const json_t *cameras)
+{
+    for (size_t k = 0; k < json_array_size(cameras); ++k) {
+        const char *name = camera_name(json_array_get(cameras, k));
+        if (name && sgs_scene_find_recorded(scene, name, false) >= 0)
+            return true;
+    }
+    return false;
 }
 
 // True if the entry of cameras.json has the camera centre of the view.
@@ -90,15 +90,14 @@ static bool has_center(const json_t *camera, const sgs_view *view, double tolera
 
 void run_record_check_scene(const char *folder, const sgs_scene *scene)
 {
-    static const char key[] = "img_name";
     char *path = format_text("%s/cameras.json", folder);
     json_t *cameras = load_json(path, 0, NULL);
     free(path);
     size_t same = 0;
-    const bool others = !any_exact(scene, cameras, key);
+    const bool others = !any_exact(scene, cameras);
     for (size_t k = 0; k < json_array_size(cameras); ++k) {
         const json_t *camera = json_array_get(cameras, k);
-        const char *name = listed_name(camera, key);
+        const char *name = camera_name(camera);
         const ptrdiff_t v = name ? sgs_scene_find_recorded(scene, name, others) : -1;
         same += v >= 0 && has_center(camera, &scene->views[v], 1e-4 * scene->extent);
     }

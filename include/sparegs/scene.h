@@ -84,9 +84,9 @@ typedef struct sgs_scene_options {
     // Do not look for the photos of cameras whose size the model gives. Requires load_images
     // false.
     bool cameras_only;
-    // Names of held-out views as recorded by a run, replacing test_every and test_images. Only if
-    // none is exact, they are searched in other folders (sgs_scene_find_recorded). Names without a
-    // view are ignored. NULL = no list; an empty list holds out nothing.
+    // Names of held-out views as recorded by a run, replacing test_every and test_images, found by
+    // sgs_scene_find_recorded. Names without a view are ignored. NULL = no list; an empty list
+    // holds out nothing.
     const char *const *held_out;
     size_t held_out_count;
     // Hold out the test views that the data set names, even if test_every is 0. With both, there is
@@ -230,11 +230,12 @@ SGS_API int sgs_view_name_match(const char *view_name, const char *name);
 // Index of the view with the best such match (the smallest number), or -1. Cannot fail.
 SGS_API ptrdiff_t sgs_scene_find_view(const sgs_scene *scene, const char *name);
 
-// Index of the view with the name that a run recorded, or -1. With `other_folders`, if there is
-// none: the only view whose name is `name` with more or fewer folders in front ("images/a.png" for
-// "a.png"). Cannot fail.
-SGS_API ptrdiff_t sgs_scene_find_recorded(const sgs_scene *scene, const char *name,
-                                          bool other_folders);
+// views[k] = index of the view with the name names[k] that a run recorded, or -1. If none of the
+// names is that of a view, views[k] = the only view whose name is names[k] with more or fewer
+// folders in front ("images/a.png" for "a.png"), unless several names denote that view. A name may
+// be NULL. `names` and `views` have `count` elements. Cannot fail.
+SGS_API void sgs_scene_find_recorded(const sgs_scene *scene, const char *const *names, size_t count,
+                                     ptrdiff_t *views);
 
 typedef struct sgs_named_camera {
     const char *name;

@@ -151,13 +151,19 @@ static bool differs_by_folders(const char *a, const char *b)
     return extra && longer[extra - 1] == '/' && !strcmp(longer + extra, shorter);
 }
 
-ptrdiff_t sgs_scene_find_recorded(const sgs_scene *scene, const char *name, bool other_folders)
+static ptrdiff_t find_exact(const sgs_scene *scene, const char *name)
 {
-    ptrdiff_t found = -1;
-    for (size_t i = 0; i < scene->view_count; ++i)
+    for (size_t i = 0; i < scene->view_count && name; ++i)
         if (!strcmp(scene->views[i].name, name))
             return (ptrdiff_t)i;
-    for (size_t i = 0; i < scene->view_count && other_folders; ++i) {
+    return -1;
+}
+
+// The only view whose name differs from `name` by folders, or -1.
+static ptrdiff_t find_in_other_folder(const sgs_scene *scene, const char *name)
+{
+    ptrdiff_t found = -1;
+    for (size_t i = 0; i < scene->view_count && name; ++i) {
         if (!differs_by_folders(scene->views[i].name, name))
             continue;
         if (found >= 0)
@@ -167,19 +173,43 @@ ptrdiff_t sgs_scene_find_recorded(const sgs_scene *scene, const char *name, bool
     return found;
 }
 
-// Split by recorded names, independent of views that were removed since.
-static void split_by_record(sgs_scene *scene, const sgs_scene_options *options)
+void sgs_scene_find_recorded(const sgs_scene *scene, const char *const *names, size_t count,
+                             ptrdiff_t *views)
 {
-    bool others = true; // none of the names is exact: the folders of all images changed
+    bool exact = false;
+    for (size_t k = 0; k < count; ++k) {
+        views[k] = find_exact(scene, names[k]);
+        exact |= views[k] >= 0;
+    }
+    if (exact)
+        return;
+    // A view that several names denote is kept as -2 - view until the end.
+    for (size_t k = 0; k < count; ++k) {
+        const ptrdiff_t view = find_in_other_folder(scene, names[k]), shared = -2 - view;
+        views[k] = view;
+        for (size_t j = 0; j < k && view >= 0; ++j)
+            if (views[j] == view || views[j] == shared)
+                views[j] = views[k] = shared;
+    }
+    for (size_t k = 0; k < count; ++k)
+        views[k] = views[k] < 0 ? -1 : views[k];
+}
+
+// Split by recorded names, independent of views that were removed since.
+static sgs_status split_by_record(sgs_scene *scene, const sgs_scene_options *options)
+{
+    const size_t count = options->held_out_count;
+    ptrdiff_t *found = sgsi_alloc(count ? count : 1, sizeof *found);
+    if (!found)
+        return sgsi_scene_no_memory(scene->path);
     for (size_t i = 0; i < scene->view_count; ++i)
         scene->views[i].split = SGS_SPLIT_TRAIN;
-    for (size_t k = 0; k < options->held_out_count && others; ++k)
-        others = sgs_scene_find_recorded(scene, options->held_out[k], false) < 0;
-    for (size_t k = 0; k < options->held_out_count; ++k) {
-        const ptrdiff_t found = sgs_scene_find_recorded(scene, options->held_out[k], others);
-        if (found >= 0)
-            scene->views[found].split = SGS_SPLIT_TEST;
-    }
+    sgs_scene_find_recorded(scene, options->held_out, count, found);
+    for (size_t k = 0; k < count; ++k)
+        if (found[k] >= 0)
+            scene->views[found[k]].split = SGS_SPLIT_TEST;
+    sgsi_free(found);
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_scene_options_check(const char *path, const sgs_scene_options *options)
@@ -207,7 +237,7 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
     const int every = options->test_every;
     sgs_status status = SGS_STATUS_OK;
     if (options->held_out)
-        split_by_record(scene, options);
+        status = split_by_record(scene, options);
     else if (options->test_images)
         status = split_by_names(scene, options->test_images);
     else if (has_split && (every || options->own_split)) {

@@ -247,6 +247,18 @@ static void recorded_names_match_in_other_folders(void **state)
     assert_held_out(sources, 4, "1.png", NULL, "0000");      // of two views
     assert_held_out(sources, 4, "b/2.png", ".png", "0000");  // another folder, part of a name
     assert_held_out(sources, 4, "a/1.png", "2.png", "1000"); // the folders are the same
+
+    // Three names that denote the same view denote none.
+    static const char *const recorded[] = {"x/a/2.png", "y/a/2.png", "3.png", NULL, "z/a/2.png"};
+    static const ptrdiff_t expected[] = {-1, -1, 3, -1, -1};
+    const sgs_scene_options options = sgs_scene_options_default();
+    ptrdiff_t found[5];
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_create(sources, 4, NULL, NULL, 0, &options, &scene), SGS_STATUS_OK);
+    sgs_scene_find_recorded(scene, recorded, 5, found);
+    for (int k = 0; k < 5; ++k)
+        assert_int_equal(found[k], expected[k]);
+    sgs_scene_destroy(scene);
 }
 
 static void masks_define_the_valid_pixels(void **state)

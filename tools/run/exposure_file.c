@@ -66,27 +66,33 @@ json_t *exposure_read(const char *path, bool *failed)
     return NULL;
 }
 
-// Names the maps as the scene's views if none has such a name, see sgs_scene_find_recorded. A view
-// that two maps may belong to has none.
-static void rename_maps(const sgs_scene *scene, json_t **exposures)
+// Names the maps as the scene's views, see sgs_scene_find_recorded. False if out of memory.
+static bool rename_maps(const sgs_scene *scene, json_t **exposures)
 {
-    const char *name;
-    json_t *map;
-    json_t *renamed = json_object();
-    bool exact = false;
-    json_object_foreach(*exposures, name, map)
-    {
-        exact = exact || sgs_scene_find_recorded(scene, name, false) >= 0;
-        const ptrdiff_t view = sgs_scene_find_recorded(scene, name, true);
-        const char *found = view < 0 ? NULL : scene->views[view].name;
-        if (found && json_object_get(renamed, found)) // two images: neither
-            json_object_set_new(renamed, found, json_null());
-        else if (found)
-            json_object_set(renamed, found, map);
-    }
-    json_t *kept = exact ? *exposures : renamed;
-    json_decref(exact ? renamed : *exposures);
-    *exposures = kept;
+    const size_t count = json_object_size(*exposures);
+    const char **names = malloc((count + 1) * sizeof *names);
+    ptrdiff_t *views = malloc((count + 1) * sizeof *views);
+    const bool made = names && views;
+    if (made) {
+        const char *name;
+        json_t *map, *renamed = json_object();
+        size_t k = 0;
+        json_object_foreach(*exposures, name, map)
+        {
+            names[k++] = name;
+        }
+        sgs_scene_find_recorded(scene, names, count, views);
+        for (k = 0; k < count; ++k)
+            if (views[k] >= 0)
+                json_object_set(renamed, scene->views[views[k]].name,
+                                json_object_get(*exposures, names[k]));
+        json_decref(*exposures);
+        *exposures = renamed;
+    } else
+        fail_run("not enough memory for the colour maps of %zu images", count);
+    free(names);
+    free(views);
+    return made;
 }
 
 bool exposure_of_model(const model_path *located, const sgs_scene *scene, json_t **exposures)
@@ -104,9 +110,7 @@ bool exposure_of_model(const model_path *located, const sgs_scene *scene, json_t
     }
     *exposures = exposure_read(path, &damaged);
     free(path);
-    if (*exposures)
-        rename_maps(scene, exposures);
-    return !damaged;
+    return !damaged && (!*exposures || rename_maps(scene, exposures));
 }
 
 void exposure_warn_finetune(const char *path, const json_t *config)
@@ -119,8 +123,7 @@ void exposure_warn_finetune(const char *path, const json_t *config)
 
 bool exposure_find(const json_t *exposures, const char *name, double map[12])
 {
-    const json_t *found = json_object_get(exposures, name);
-    const json_t *rows = json_is_null(found) ? NULL : found;
+    const json_t *rows = json_object_get(exposures, name);
     for (size_t i = 0; i < 12 && rows; ++i) {
         const json_t *value = json_array_get(json_array_get(rows, i / 4), i % 4);
         if (!json_is_number(value))

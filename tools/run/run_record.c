@@ -49,31 +49,14 @@ bool run_record_split_agrees(const char *config_path, const json_t *config, cons
     const json_t *list = json_object_get(config, "test_images");
     for (size_t k = 0; k < json_array_size(list); ++k) {
         const char *name = json_string_value(json_array_get(list, k));
-        if (name && sgs_scene_find_recorded(scene, name, false) >= 0)
+        const ptrdiff_t v = name ? sgs_scene_find_view(scene, name) : -1;
+        if (v >= 0 && !strcmp(scene->views[v].name, name))
             continue;
         fail_run("%s: the held-out image '%s' is missing from %s; restore it to resume",
                  config_path, name ? name : "?", scene->path);
         return false;
     }
     return true;
-}
-
-// The name of a camera in cameras.json, or NULL.
-static const char *camera_name(const json_t *camera)
-{
-    return json_string_value(json_object_get(camera, "img_name"));
-}
-
-// True if one of the cameras has exactly the name of a view. Otherwise the names are compared
-// without the folders in front, which change with the way a data set is exported.
-static bool any_exact(const sgs_scene *scene, const json_t *cameras)
-{
-    for (size_t k = 0; k < json_array_size(cameras); ++k) {
-        const char *name = camera_name(json_array_get(cameras, k));
-        if (name && sgs_scene_find_recorded(scene, name, false) >= 0)
-            return true;
-    }
-    return false;
 }
 
 // True if the entry of cameras.json has the camera centre of the view.
@@ -93,15 +76,21 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene)
     char *path = format_text("%s/cameras.json", folder);
     json_t *cameras = load_json(path, 0, NULL);
     free(path);
+    const size_t count = json_array_size(cameras);
+    const char **names = malloc((count + 1) * sizeof *names);
+    ptrdiff_t *views = malloc((count + 1) * sizeof *views);
     size_t same = 0;
-    const bool others = !any_exact(scene, cameras);
-    for (size_t k = 0; k < json_array_size(cameras); ++k) {
-        const json_t *camera = json_array_get(cameras, k);
-        const char *name = camera_name(camera);
-        const ptrdiff_t v = name ? sgs_scene_find_recorded(scene, name, others) : -1;
-        same += v >= 0 && has_center(camera, &scene->views[v], 1e-4 * scene->extent);
+    if (names && views) {
+        for (size_t k = 0; k < count; ++k)
+            names[k] = json_string_value(json_object_get(json_array_get(cameras, k), "img_name"));
+        sgs_scene_find_recorded(scene, names, count, views);
+        for (size_t k = 0; k < count; ++k)
+            same += views[k] >= 0 && has_center(json_array_get(cameras, k), &scene->views[views[k]],
+                                                1e-4 * scene->extent);
     }
-    if (json_array_size(cameras) && 2 * same < scene->view_count)
+    free(names);
+    free(views);
+    if (count && 2 * same < scene->view_count)
         print_warning("%s: %zu of %zu cameras match those of the run %s; the scores compare "
                       "different scenes unless the model was transformed",
                       scene->path, same, scene->view_count, folder);

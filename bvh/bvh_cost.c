@@ -14,13 +14,14 @@
 // As in Embree's BVHNBuilderSAH for user geometry. Its heuristic counts primitives in blocks of the
 // number of children of a node, so a REFIT tree has a leaf wherever its primitives fit into one
 // block.
-enum { BRANCHES = 8, BRANCHES_SSE = 4, LEAF_REFIT = 7 };
+enum { BRANCHES = 8, BRANCHES_SSE = 4 };
 
 typedef struct box {
     float lower[3], upper[3];
 } box;
 
 typedef struct tree_node {
+    box bounds;
     unsigned child_count, primitive_count; // exactly one is non-zero
     union {
         struct tree_node *children[BRANCHES];
@@ -98,30 +99,106 @@ static double shared_area(const box *a, const box *b)
 typedef struct measure_sums {
     const sgsi_bounds *bounds;
     double leaf, shared, inner; // areas; leaf: times the primitives
-    size_t nodes, leaves;
+    sgsi_bvh_cost *cost;
 } measure_sums;
 
-static box measure_node(measure_sums *sums, const tree_node *node)
+// Sets the bounds of the node and of those below it.
+static void measure_node(measure_sums *sums, tree_node *node, int depth)
 {
     box own = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    ++sums->nodes;
+    ++sums->cost->nodes;
+    sums->cost->depth = depth > sums->cost->depth ? depth : sums->cost->depth;
     if (!node->child_count) {
-        ++sums->leaves;
+        ++sums->cost->leaves;
+        ++sums->cost->leaf_sizes[node->primitive_count];
         for (unsigned i = 0; i < node->primitive_count; ++i)
             widen(&own, sums->bounds[node->primitives[i]].lower,
                   sums->bounds[node->primitives[i]].upper);
         sums->leaf += area(&own) * node->primitive_count;
-        return own;
+        node->bounds = own;
+        return;
     }
-    box children[BRANCHES];
     for (unsigned i = 0; i < node->child_count; ++i) {
-        children[i] = measure_node(sums, node->children[i]);
-        widen(&own, children[i].lower, children[i].upper);
+        const box *child = &node->children[i]->bounds;
+        measure_node(sums, node->children[i], depth + 1);
+        widen(&own, child->lower, child->upper);
         for (unsigned j = 0; j < i; ++j)
-            sums->shared += shared_area(&children[i], &children[j]);
+            sums->shared += shared_area(child, &node->children[j]->bounds);
     }
     sums->inner += area(&own);
-    return own;
+    node->bounds = own;
+}
+
+// ---- Traversal ----
+
+typedef struct packet_work {
+    uint64_t nodes, boxes, primitives;
+} packet_work;
+
+typedef struct traversal {
+    const tree_node *root;
+    const sgsi_packet *packets;
+    packet_work *work; // [packets]
+} traversal;
+
+// True if a valid ray crosses the box. A NaN, from a ray within the plane of a side, leaves the
+// interval unchanged.
+static bool crosses(const sgsi_packet *packet, const float inverse[3][16], const box *b)
+{
+    uint32_t lanes = 0;
+    for (int i = 0; i < 16; ++i) {
+        float enter = 0, leave = packet->far[i];
+        for (int k = 0; k < 3; ++k) {
+            const float t0 = (b->lower[k] - packet->origin[k]) * inverse[k][i],
+                        t1 = (b->upper[k] - packet->origin[k]) * inverse[k][i];
+            enter = fmaxf(enter, fminf(t0, t1));
+            leave = fminf(leave, fmaxf(t0, t1));
+        }
+        lanes |= (uint32_t)(enter <= leave * (1 + 4e-7f)) << i;
+    }
+    return (lanes & packet->valid) != 0;
+}
+
+static void visit(packet_work *work, const sgsi_packet *packet, const float inverse[3][16],
+                  const tree_node *node)
+{
+    ++work->nodes;
+    work->primitives += node->primitive_count;
+    work->boxes += node->child_count;
+    for (unsigned i = 0; i < node->child_count; ++i)
+        if (crosses(packet, inverse, &node->children[i]->bounds))
+            visit(work, packet, inverse, node->children[i]);
+}
+
+static void traverse(void *context, size_t item, int thread)
+{
+    (void)thread;
+    const traversal *t = context;
+    const sgsi_packet *packet = &t->packets[item];
+    float inverse[3][16];
+    for (int k = 0; k < 3; ++k)
+        for (int i = 0; i < 16; ++i)
+            inverse[k][i] = 1 / packet->direction[k][i];
+    t->work[item] = (packet_work){0};
+    if (packet->valid)
+        visit(&t->work[item], packet, inverse, t->root);
+}
+
+// False if out of memory.
+static bool count_visits(sgsi_bvh_visits *visits, const tree_node *root)
+{
+    packet_work *work = sgsi_alloc(visits->count ? visits->count : 1, sizeof *work);
+    traversal job = {.root = root, .packets = visits->packets, .work = work};
+    if (!work)
+        return false;
+    sgsi_parallel_for(visits->count, 1, traverse, &job);
+    for (size_t i = 0; i < visits->count; ++i) {
+        visits->nodes += work[i].nodes;
+        visits->boxes += work[i].boxes;
+        visits->primitives += work[i].primitives;
+    }
+    sgsi_free(work);
+    return true;
 }
 
 // Omits boxes from the tree that are not finite, inverted or beyond 1e18.
@@ -149,9 +226,12 @@ static struct RTCBuildPrimitive *list_primitives(const sgsi_bounds *bounds, size
 }
 
 sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bounds, size_t count,
-                                 sgsi_bvh_quality quality, sgsi_bvh_cost *cost)
+                                 sgsi_bvh_quality quality, sgsi_bvh_visits *visits,
+                                 sgsi_bvh_cost *cost)
 {
     *cost = (sgsi_bvh_cost){0};
+    if (visits)
+        visits->nodes = visits->boxes = visits->primitives = 0;
     size_t listed;
     struct RTCBuildPrimitive *primitives = list_primitives(built, count, &listed);
     char config[32]; // rtcBuildBVH cannot be joined: it runs on Embree's own threads
@@ -162,7 +242,8 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
         return sgsi_embree_device_failure();
     }
     RTCBVH tree = rtcNewBVH(device);
-    const tree_node *root = NULL;
+    tree_node *root = NULL;
+    bool counted = true;
     if (primitives && tree && listed) {
         struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
         arguments.buildQuality =
@@ -172,7 +253,7 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
         arguments.maxBranchingFactor = wide ? BRANCHES : BRANCHES_SSE;
         arguments.sahBlockSize = arguments.maxBranchingFactor;
         arguments.minLeafSize = 1;
-        arguments.maxLeafSize = quality == SGSI_BVH_REFIT ? LEAF_REFIT : 1;
+        arguments.maxLeafSize = quality == SGSI_BVH_REFIT ? SGSI_BVH_LEAF_MAX : 1;
         arguments.bvh = tree;
         arguments.primitives = primitives;
         arguments.primitiveCount = listed;
@@ -184,16 +265,15 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
         root = rtcBuildBVH(&arguments);
     }
     if (root) {
-        measure_sums sums = {.bounds = bounds};
-        const box all = measure_node(&sums, root);
-        const double surface = area(&all);
-        *cost = (sgsi_bvh_cost){.cost = surface > 0 ? (sums.inner + sums.leaf) / surface : 0,
-                                .primitives = surface > 0 ? sums.leaf / surface : 0,
-                                .overlap = sums.inner > 0 ? sums.shared / sums.inner : 0,
-                                .nodes = sums.nodes,
-                                .leaves = sums.leaves};
+        measure_sums sums = {.bounds = bounds, .cost = cost};
+        measure_node(&sums, root, 1);
+        const double surface = area(&root->bounds);
+        cost->cost = surface > 0 ? (sums.inner + sums.leaf) / surface : 0;
+        cost->primitives = surface > 0 ? sums.leaf / surface : 0;
+        cost->overlap = sums.inner > 0 ? sums.shared / sums.inner : 0;
+        counted = !visits || count_visits(visits, root);
     }
-    const bool failed = !primitives || !tree || (listed && !root);
+    const bool failed = !primitives || !tree || (listed && !root) || !counted;
     if (tree)
         rtcReleaseBVH(tree);
     rtcReleaseDevice(device);

@@ -40,6 +40,9 @@ typedef struct sgs_profile_options {
     int repeat;                       // repetitions, >= 1; the best time is reported; 3
     int samples;                      // rays sampled by brute force, 0..4096; 64
     uint64_t seed;
+    // Pose of the view that the REFIT and AGED trees are built for before they are refitted to the
+    // profiled one, as a tree of training is; same camera. NULL = the profiled pose.
+    const sgs_pose *built_for;
 } sgs_profile_options;
 
 // Cannot fail.
@@ -47,24 +50,34 @@ SGS_API sgs_profile_options sgs_profile_options_default(void);
 
 typedef struct sgs_profile_tree {
     double build, refit; // wall-clock seconds; refit is 0 for kinds that are rebuilt
-    double gather;       // core seconds for the view: traversal, tests, sorting of candidates
+    double gather;       // CPU seconds for the view: traversal, tests, sorting of candidates
     // The same with the depth bounds of a previous visit, as in training.
     double gather_with_depth_bound;
-    double bytes;         // held by Embree for the tree, from its memory monitor
-    double callbacks;     // for the view
-    double cost, overlap; // surface-area cost and overlap of the boxes, see bvh_cost.h
+    double bytes; // held by Embree for the tree, from its memory monitor
+    // Primitives reported by the tree for the view, summed over the macrotiles. Embree splits a
+    // packet that is wider than the native packets of the processor, or whose rays diverge, and
+    // then reports primitives more than once; `distinct` counts them once per macrotile.
+    double callbacks, distinct;
+    // Of a tree built over the same boxes with the same settings, because Embree does not expose
+    // its trees (bvh_cost.h): surface-area cost and overlap of the boxes; nodes with the leaves;
+    // levels; leaves with 0, 1, ... 7 primitives; nodes that the packets of the view visit, boxes
+    // that they test.
+    double cost, overlap, nodes, leaves, depth, leaf_sizes[8], node_visits, box_tests;
 } sgs_profile_tree;
 
 typedef struct sgs_profile {
     int width, height, tiles_x, tiles_y;
     double primitives, rays; // rays: pixels with a ray
+    // Primitives that rays of the view may hit; the boxes of the others are points.
+    double traced;
     sgs_profile_tree trees[SGS_PROFILE_KIND_COUNT];
-    double forward; // core seconds for the view after the gather
+    double forward; // CPU seconds for the view after the gather
     // Largest relative difference of a tree's two best gather times; smaller differences are noise.
     // 0.1 for a single repetition.
     double noise;
-    // For the view, with the refitted tree.
-    double callbacks, candidates, block_tests, evaluations;
+    // For the view, with the refitted tree. gathered: distinct callbacks that may hit a tile of
+    // their macrotile; candidates: pairs of such a primitive and a tile that it may hit.
+    double callbacks, distinct, gathered, candidates, block_tests, evaluations;
     // (block, primitive), (tile, primitive) and (macrotile, primitive) pairs with a hit that counts
     // or ends a ray
     double block_hits;

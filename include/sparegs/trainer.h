@@ -246,6 +246,9 @@ typedef struct sgs_step_info {
     double psnr_average; // EMA over training views, dB; unquantised image against photo
     size_t gaussians;    // after the step
     size_t visible;      // primitives with a gradient, that is a counted hit; 0 in a skipped step
+    // Of this process's part of the view: primitives reported by the BVH, pairs of tile and
+    // candidate, and macrotiles that were gathered again because a depth bound was too near.
+    uint64_t callbacks, candidates, fallback_gathers;
     // A structural update preceded this iteration; the fields below are valid.
     bool structural;
     int structure_iteration;  // the iteration that the update belongs to, the previous one

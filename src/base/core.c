@@ -334,11 +334,21 @@ void sgsi_folder_sync(const char *path)
     close(descriptor);
 }
 
-double sgsi_seconds(void)
+static double read_clock(clockid_t clock)
 {
     struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
+    clock_gettime(clock, &now);
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+double sgsi_seconds(void)
+{
+    return read_clock(CLOCK_MONOTONIC);
+}
+
+double sgsi_thread_seconds(void)
+{
+    return read_clock(CLOCK_THREAD_CPUTIME_ID);
 }
 
 uint64_t sgsi_random_bits(uint64_t seed, uint64_t counter)

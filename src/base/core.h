@@ -98,6 +98,8 @@ void sgsi_folder_sync(const char *path);
 
 // Monotonic clock in seconds.
 double sgsi_seconds(void);
+// CPU time of this thread in seconds.
+double sgsi_thread_seconds(void);
 
 // Counter-based random numbers (SplitMix64 finaliser over seed and counter): the same on every
 // machine and with every thread count. Uniform in (0,1); normal by Box-Muller from two counters.

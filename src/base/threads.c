@@ -94,7 +94,7 @@ void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *cont
     if (threads == 1 || count <= chunk || nested) {
         for (size_t item = 0; item < count; ++item)
             body(context, item, 0);
-        if (threads == 1) // a single item counts as serial work
+        if (threads == 1 && count > chunk) // a single item counts as serial work
             loop_seconds.inside += sgsi_seconds() - start;
     } else {
         const double finished = sgsi_team_run(threads, count, chunk, body, context, start);

@@ -47,7 +47,7 @@ typedef struct profile_job {
     sgs_profile_options options;
     sgs_render_options render;
     sgsi_rays *rays;
-    sgsi_view view;
+    sgsi_view view, built_for;
     sgsi_planes planes;
     sgsi_tile_cost *costs;                 // [tiles]
     float *block;                          // memory of the planes and of `hits`
@@ -83,7 +83,8 @@ static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_pro
                             sgs_profile_tree *tree)
 {
     const sgs_gaussians *built = kind == SGS_PROFILE_AGED ? job->young : job->model;
-    sgs_status status = sgsi_tracer_project(tracer, built, &job->view, NULL, NULL);
+    sgs_status status = sgsi_tracer_project(
+        tracer, built, kind < SGS_PROFILE_REFIT ? &job->view : &job->built_for, NULL, NULL);
     if (!status)
         status = sgsi_tracer_commit(tracer, true, quality_of(kind));
     tree->build = fmin(tree->build, sgsi_tracer_seconds(tracer).bvh_build);
@@ -96,25 +97,56 @@ static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_pro
     return status;
 }
 
-// Surface-area cost and overlap of all kinds. Afterwards the tracer's tree does not match its
+static sgs_status measure_cost(const profile_job *job, sgs_profile_kind kind,
+                               const sgsi_bounds *built, const sgsi_bounds *now,
+                               sgsi_bvh_visits *visits)
+{
+    sgs_profile_tree *tree = &job->out->trees[kind];
+    sgsi_bvh_cost cost = {0};
+    const sgs_status status =
+        sgsi_bvh_cost_measure(built, now, job->model->count, quality_of(kind), visits, &cost);
+    tree->cost = cost.cost;
+    tree->overlap = cost.overlap;
+    tree->nodes = (double)cost.nodes;
+    tree->leaves = (double)cost.leaves;
+    tree->depth = cost.depth;
+    for (int n = 0; n <= SGSI_BVH_LEAF_MAX; ++n)
+        tree->leaf_sizes[n] = (double)cost.leaf_sizes[n];
+    tree->node_visits = (double)visits->nodes;
+    tree->box_tests = (double)visits->boxes;
+    return status;
+}
+
+// Shape, cost and visits of all kinds of tree. Afterwards the tracer's tree does not match its
 // bounds.
 static sgs_status measure_costs(const profile_job *job, sgsi_tracer *tracer)
 {
     const size_t count = job->model->count;
+    const sgsi_rays *rays = job->rays;
+    const size_t macrotiles = (size_t)rays->macrotiles_x * (size_t)rays->macrotiles_y;
     sgsi_bounds *now = sgsi_alloc(count ? count : 1, sizeof *now);
-    if (!now)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "not enough memory for the boxes of %zu primitives", count);
-    memcpy(now, sgsi_tracer_bounds(tracer), count * sizeof *now);
-    sgs_status status = sgsi_tracer_project(tracer, job->young, &job->view, NULL, NULL);
-    for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k) {
-        const sgsi_bounds *built = k == SGS_PROFILE_AGED ? sgsi_tracer_bounds(tracer) : now;
-        sgsi_bvh_cost cost = {0};
-        status = sgsi_bvh_cost_measure(built, now, count, quality_of((sgs_profile_kind)k), &cost);
-        job->out->trees[k].cost = cost.cost;
-        job->out->trees[k].overlap = cost.overlap;
+    sgsi_packet *packets = sgsi_alloc(macrotiles, sizeof *packets);
+    sgs_status status = now && packets
+                            ? SGS_STATUS_OK
+                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                        "not enough memory for the boxes of %zu primitives", count);
+    if (!status) {
+        memcpy(now, sgsi_tracer_bounds(tracer), count * sizeof *now);
+        for (size_t m = 0; m < macrotiles; ++m)
+            packets[m] = sgsi_macrotile_packet(&job->view, (int)m, INFINITY);
+    }
+    sgsi_bvh_visits visits = {.packets = packets, .count = macrotiles};
+    for (int k = 0; !status && k < SGS_PROFILE_REFIT; ++k)
+        status = measure_cost(job, (sgs_profile_kind)k, now, now, &visits);
+    for (int k = SGS_PROFILE_REFIT; !status && k < SGS_PROFILE_KIND_COUNT; ++k) {
+        const sgs_gaussians *built = k == SGS_PROFILE_AGED ? job->young : job->model;
+        status = sgsi_tracer_project(tracer, built, &job->built_for, NULL, NULL);
+        if (!status)
+            status =
+                measure_cost(job, (sgs_profile_kind)k, sgsi_tracer_bounds(tracer), now, &visits);
     }
     sgsi_free(now);
+    sgsi_free(packets);
     return status;
 }
 
@@ -122,6 +154,10 @@ static void fill_maps(const profile_job *job, const sgsi_tracer *tracer)
 {
     sgs_profile *out = job->out;
     const sgsi_tile_list *lists = sgsi_tracer_lists(tracer);
+    const float *projected = sgsi_tracer_projected(tracer);
+    for (size_t i = 0; i < job->model->count; ++i)
+        out->traced +=
+            projected[i * SGSI_PROJECTED_FLOATS + SGSI_PROJECTED_LOG_OPACITY] > SGSI_UNTRACED;
     for (int y = 0; y < out->height; ++y)
         for (int x = 0; x < out->width; ++x) {
             const size_t pixel = (size_t)y * (size_t)out->width + (size_t)x;
@@ -171,6 +207,8 @@ static sgs_status record_pass(const profile_job *job, sgsi_tracer *tracer)
     sgs_profile *out = job->out;
     const sgsi_trace_counts counts = sgsi_tracer_counts(tracer);
     out->callbacks = (double)counts.callbacks;
+    out->distinct = (double)counts.distinct;
+    out->gathered = (double)counts.gathered;
     out->candidates = (double)counts.candidates;
     out->block_tests = SGSI_BLOCKS * out->candidates;
     out->evaluations = (double)counts.evaluations;
@@ -216,10 +254,11 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
     status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->depth_bounds, main_kind);
     sgsi_tracer_watch_tiles(tracer, NULL);
     const sgsi_trace_seconds seconds = sgsi_tracer_seconds(tracer);
-    record_gather(job, kind, seconds.gather * sgsi_threads());
+    record_gather(job, kind, seconds.gather_cpu);
     tree->callbacks = (double)sgsi_tracer_counts(tracer).callbacks;
+    tree->distinct = (double)sgsi_tracer_counts(tracer).distinct;
     if (main_kind) {
-        out->forward = fmin(out->forward, seconds.forward * sgsi_threads());
+        out->forward = fmin(out->forward, seconds.forward_cpu);
         for (size_t t = 0; t < tiles; ++t)
             out->tile_seconds[t] = fminf(out->tile_seconds[t], job->costs[t].seconds);
     }
@@ -228,7 +267,7 @@ static sgs_status measure_kind(profile_job *job, sgsi_tracer *tracer, sgs_profil
     if (!status)
         status = sgsi_tracer_forward(tracer, &job->view, &job->planes, job->depth_bounds, false);
     tree->gather_with_depth_bound =
-        fmin(tree->gather_with_depth_bound, sgsi_tracer_seconds(tracer).gather * sgsi_threads());
+        fmin(tree->gather_with_depth_bound, sgsi_tracer_seconds(tracer).gather_cpu);
     return status;
 }
 
@@ -253,6 +292,7 @@ static sgs_status measure_kinds(profile_job *job)
     sgs_status status = sgsi_tracer_create(&tracer);
     if (status)
         return status;
+    sgsi_tracer_set_profiled(tracer, true);
     const double before = (double)sgsi_bvh_bytes();
     status = measure_kind(job, tracer, SGS_PROFILE_LOW, false); // warms up memory and caches
     reset_times(job);
@@ -422,6 +462,8 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     if (status)
         return status;
     sgsi_view_set(&job->view, job->rays, pose, &job->render);
+    sgsi_view_set(&job->built_for, job->rays,
+                  job->options.built_for ? job->options.built_for : pose, &job->render);
     *out = (sgs_profile){.width = camera->width,
                          .height = camera->height,
                          .tiles_x = job->rays->tiles_x,

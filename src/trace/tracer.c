@@ -377,16 +377,9 @@ static size_t order_macrotile(thread_state *state, const uint32_t *rows, size_t 
     return unique;
 }
 
-// Queries the BVH for the candidates of a macrotile, filters and sorts them. Returns their number,
-// or sets state->status.
-static size_t gather_macrotile(const forward_pass *pass, thread_state *state, int macrotile,
-                               const sgsi_macrotile *tiles)
+sgsi_packet sgsi_macrotile_packet(const sgsi_view *view, int macrotile, float far)
 {
-    const sgsi_rays *rays = pass->view->rays;
-    const sgsi_view *view = pass->view;
-    float far = tiles->complete ? INFINITY : 0.0f;
-    for (int k = 0; k < tiles->count; ++k)
-        far = fmaxf(far, tiles->far[k]);
+    const sgsi_rays *rays = view->rays;
     sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]},
                           .valid = rays->macrotile_valid[macrotile]};
     for (int i = 0; i < 16; ++i) {
@@ -395,8 +388,21 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
                 view->rotation[k] * rays->macrotile_directions[macrotile][0][i] +
                 view->rotation[3 + k] * rays->macrotile_directions[macrotile][1][i] +
                 view->rotation[6 + k] * rays->macrotile_directions[macrotile][2][i];
-        packet.far[i] = far * SGSI_DEPTH_MARGIN;
+        packet.far[i] = far;
     }
+    return packet;
+}
+
+// Queries the BVH for the candidates of a macrotile, filters and sorts them. Returns their number,
+// or sets state->status.
+static size_t gather_macrotile(const forward_pass *pass, thread_state *state, int macrotile,
+                               const sgsi_macrotile *tiles)
+{
+    float far = tiles->complete ? INFINITY : 0.0f;
+    for (int k = 0; k < tiles->count; ++k)
+        far = fmaxf(far, tiles->far[k]);
+    const sgsi_packet packet =
+        sgsi_macrotile_packet(pass->view, macrotile, far * SGSI_DEPTH_MARGIN);
     state->gathered.count = 0;
     // The traversal prefetches these rows.
     state->gathered.rows = pass->tracer->projected;
@@ -418,6 +424,27 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
     const size_t count = order_macrotile(state, rows, kept);
     state->counts.gathered += count;
     return count;
+}
+
+// Number of different primitives among those that the BVH reported. Uses the keys.
+static uint64_t count_distinct(thread_state *state)
+{
+    const sgsi_gather_list *list = &state->gathered;
+    uint32_t max = 0;
+    uint64_t distinct = 0;
+    for (size_t i = 0; i < list->count; ++i) {
+        state->keys[i] = (uint64_t)list->ids[i] << 32;
+        max = list->ids[i] > max ? list->ids[i] : max;
+    }
+    sort_keys(state->keys, state->keys_spare, list->count, 0, max);
+    for (size_t i = 0; i < list->count; ++i)
+        distinct += !i || state->keys[i] != state->keys[i - 1];
+    return distinct;
+}
+
+static double pass_seconds(const sgsi_tracer *tracer)
+{
+    return tracer->profiled ? sgsi_thread_seconds() : sgsi_seconds();
 }
 
 // Removes the primitives of a tile that are in no block list. Returns the number left; map[count]
@@ -486,7 +513,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state,
     const sgsi_planes *planes = pass->planes;
     const float far = everything ? INFINITY : macrotile->far[k];
     sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
-    const double start = cost ? sgsi_seconds() : 0.0;
+    const double start = cost ? pass_seconds(pass->tracer) : 0.0;
     const size_t count = kernels->tile_take(&state->scratch, candidates,
                                             (everything ? SGSI_OVERLAPS : SGSI_IN_BOUND) << k);
     kernels->tile_sort(&state->scratch, rays, count);
@@ -508,7 +535,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state,
     if (pass->depth_bound)
         pass->depth_bound[tile] = target.stop_distance * 1.05f;
     if (cost)
-        *cost = (sgsi_tile_cost){(float)(sgsi_seconds() - start), (uint32_t)count,
+        *cost = (sgsi_tile_cost){(float)(pass_seconds(pass->tracer) - start), (uint32_t)count,
                                  (uint32_t)target.evaluations};
     if (planes->candidates)
         store_candidates(planes, rays, count);
@@ -529,27 +556,30 @@ static void forward_macrotile(void *context, size_t item, int thread)
                                                         : pass->first_macrotile + item);
     if (state->status)
         return;
-    const double start = sgsi_seconds();
+    const double start = pass_seconds(pass->tracer);
     int numbers[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE];
     sgsi_macrotile tiles = open_macrotile(pass, macrotile, numbers);
     size_t candidates = gather_macrotile(pass, state, macrotile, &tiles);
-    const double gathered = sgsi_seconds();
+    const double gathered = pass_seconds(pass->tracer);
+    if (pass->tracer->profiled && !state->status)
+        state->counts.distinct += count_distinct(state);
+    const double blended = pass->tracer->profiled ? pass_seconds(pass->tracer) : gathered;
     double again = 0.0;
     for (int k = 0; k < tiles.count && !state->status; ++k) {
         if (blend_tile(pass, state, &tiles, k, numbers[k], candidates, false))
             continue;
         if (!tiles.complete) {
-            const double back = sgsi_seconds();
+            const double back = pass_seconds(pass->tracer);
             tiles.complete = true;
             candidates = gather_macrotile(pass, state, macrotile, &tiles);
             ++state->counts.fallback_gathers;
-            again += sgsi_seconds() - back;
+            again += pass_seconds(pass->tracer) - back;
         }
         if (!state->status)
             blend_tile(pass, state, &tiles, k, numbers[k], candidates, true);
     }
     state->gather_seconds += gathered - start + again;
-    state->blend_seconds += sgsi_seconds() - gathered - again;
+    state->blend_seconds += pass_seconds(pass->tracer) - blended - again;
 }
 
 static sgs_status reserve_lists(sgsi_tracer *tracer, size_t tiles)
@@ -577,6 +607,7 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
         gather_seconds += state->gather_seconds;
         blend_seconds += state->blend_seconds;
         tracer->counts.callbacks += state->counts.callbacks;
+        tracer->counts.distinct += state->counts.distinct;
         tracer->counts.gathered += state->counts.gathered;
         tracer->counts.candidates += state->counts.candidates;
         tracer->counts.evaluations += state->counts.evaluations;
@@ -587,6 +618,8 @@ static sgs_status collect_threads(sgsi_tracer *tracer, double wall, double *gath
     const double total = gather_seconds + blend_seconds;
     *gather = total > 0.0 ? wall * gather_seconds / total : 0.0;
     *blend = wall - *gather;
+    tracer->seconds.gather_cpu = tracer->profiled ? gather_seconds : 0.0;
+    tracer->seconds.forward_cpu = tracer->profiled ? blend_seconds : 0.0;
     return status == SGS_STATUS_OUT_OF_MEMORY
                ? sgsi_fail(status, "not enough memory for the candidates of a tile")
                : status;
@@ -657,6 +690,11 @@ sgs_status sgsi_tracer_forward_rows(sgsi_tracer *tracer, const sgsi_view *view, 
 void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs)
 {
     tracer->costs = costs;
+}
+
+void sgsi_tracer_set_profiled(sgsi_tracer *tracer, bool profiled)
+{
+    tracer->profiled = profiled;
 }
 
 void sgsi_tracer_collect_abs_grad(sgsi_tracer *tracer, bool wanted)

@@ -13,11 +13,13 @@ typedef struct sgsi_tracer sgsi_tracer;
 // Wall-clock seconds of the most recent calls, by phase.
 typedef struct sgsi_trace_seconds {
     double project, bvh_refit, bvh_build, gather, forward, backward, reduce;
+    double gather_cpu, forward_cpu; // CPU time of all threads; 0 unless the tracer is profiled
 } sgsi_trace_seconds;
 
 // Work done by the most recent forward (and backward) pass.
 typedef struct sgsi_trace_counts {
     uint64_t callbacks;        // primitives reported by the BVH, with repetitions
+    uint64_t distinct;         // without repetitions in a macrotile; 0 unless profiled
     uint64_t gathered;         // candidates of all macrotiles: may hit one of their tiles
     uint64_t candidates;       // candidates of all tiles
     uint64_t evaluations;      // (block, primitive) pairs evaluated by the forward pass
@@ -62,6 +64,12 @@ void sgsi_tracer_forget(sgsi_tracer *tracer);
 // Makes later forward passes write the cost of each tile to costs [tiles], owned by the caller.
 // NULL disables this.
 void sgsi_tracer_watch_tiles(sgsi_tracer *tracer, sgsi_tile_cost *costs);
+
+// Makes later forward passes measure CPU time and count distinct callbacks, which costs time.
+void sgsi_tracer_set_profiled(sgsi_tracer *tracer, bool profiled);
+
+// The packet that queries the BVH for a macrotile of the view, up to the distance `far`.
+sgsi_packet sgsi_macrotile_packet(const sgsi_view *view, int macrotile, float far);
 
 // Gathers and blends. depth_bound [tiles] or NULL: per tile, the distance at which the previous
 // visit of this view was opaque (INFINITY if unknown); read, then replaced. The image does not

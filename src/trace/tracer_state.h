@@ -46,6 +46,7 @@ typedef struct thread_state {
 
 struct sgsi_tracer {
     sgsi_bvh *bvh;
+    bool profiled;
     size_t capacity, count, built_count;
     float *projected;
     sgsi_bounds *bounds;

@@ -415,6 +415,10 @@ static void fill_info(sgs_trainer *trainer, const sgsi_train_view *view, sgs_ste
     info->psnr_average = follow(&progress->psnr_average, &progress->psnr_weight,
                                 -10.0 * log10(fmax(loss->mse, 1e-12)));
     info->gaussians = trainer->count;
+    const sgsi_trace_counts counts = sgsi_tracer_counts(trainer->views.tracer);
+    info->callbacks = counts.callbacks;
+    info->candidates = counts.candidates;
+    info->fallback_gathers = counts.fallback_gathers;
 }
 
 // Time of the step that began at `start`.

@@ -405,7 +405,7 @@ static void the_cost_predicts_the_reported_primitives(void **state)
             memcpy(now, round ? moved : boxes, COUNT * sizeof *now);
             assert_int_equal(sgsi_bvh_refit(bvh), SGS_STATUS_OK);
             assert_int_equal(
-                sgsi_bvh_cost_measure(boxes, now, COUNT, (sgsi_bvh_quality)quality, &cost),
+                sgsi_bvh_cost_measure(boxes, now, COUNT, (sgsi_bvh_quality)quality, NULL, &cost),
                 SGS_STATUS_OK);
             const double reported = reported_per_line(bvh, now, COUNT);
             print_message("%s%s: %.2f primitives per line, %.2f expected, cost %.2f\n",
@@ -500,7 +500,7 @@ static void a_missing_device_reports_the_reason(void **state)
     assert_string_equal(sgs_last_error(), "Embree failed while creating a device");
     device_error = UNSUPPORTED_CPU;
     assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_UNSUPPORTED);
-    assert_int_equal(sgsi_bvh_cost_measure(&box, &box, 1, SGSI_BVH_LOW, &cost),
+    assert_int_equal(sgsi_bvh_cost_measure(&box, &box, 1, SGSI_BVH_LOW, NULL, &cost),
                      SGS_STATUS_UNSUPPORTED);
     assert_string_equal(sgs_last_error(), "Embree does not support this processor");
     assert_true(cost.cost == 0);

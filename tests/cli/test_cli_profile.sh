@@ -13,12 +13,17 @@ json "$trace" 'all(.traceEvents[]; .ph == "X" and .dur >= 0 and .ts >= 0 or .ph 
 # phases_are_within_their_iteration
 json "$trace" '[.traceEvents[] | select(.ph == "X")] | (map(select(.name == "forward")) | length == 5) and
     (map(select(.name | startswith("iteration")) | .dur) | add) >= 0.999 * (map(select(.name | startswith("iteration") | not) | .dur) | add)'
+json "$trace" '[.traceEvents[] | select(.name == "bvh_callbacks") | .args.bvh_callbacks] | length == 5 and all(. > 0)'
 json "$trace" '[.traceEvents[] | select(.name == "gaussians") | .args.gaussians] | length == 5 and all(. > 0)'
 
 run 0 profile "$model" "$room" --view 0009 -o "$temporary/maps" --repeat 1 --threads 1 --trace "$temporary/trace.json" --json --quiet
 json "$temporary/stdout" '[.trees[].name] == ["low", "medium", "high", "refit", "aged"]'
 json "$temporary/stdout" 'all(.trees[]; .build_seconds > 0 and .bytes > 0 and .callbacks > 0 and .surface_area_cost > 1)'
 json "$temporary/stdout" '.views == 1 and .view.rays == 60 * 33 and .view.hits_per_ray > 1'
+json "$temporary/stdout" 'all(.trees[]; .nodes > .leaves and .depth > 2 and .node_visits > 0 and .distinct_callbacks <= .callbacks)'
+json "$temporary/stdout" '.per_view | length == 1 and .[0].name == "0009.jpg" and (.[0].trees | length) == 5'
+json "$temporary/stdout" '.per_view[0].hits == .view.hits and .traced_primitives == null and .view.traced_primitives > 0'
+json "$temporary/stdout" '.model != null and .scene != null and .version != null and .repeat == 1 and (.primitives | floor) == .primitives'
 json "$temporary/stdout" 'all(.view.false_positives[]; . >= 0 and . < 1)'
 json "$temporary/stdout" '.answers | (.quality_training | length > 0) and (.dominant_share > 0 and .dominant_share < 1)'
 json "$temporary/stdout" '.training_seconds | .iteration > 0.9 * (.refit + .gather + .forward + .loss + .backward + .optimizer)'

@@ -15,6 +15,7 @@
 
 #include "support/oracle_support.h"
 
+#include "base/core.h"
 #include "bvh/bvh_cost.h"
 #include "reference/reference.h"
 #include "sparegs/profile.h"
@@ -78,12 +79,29 @@ static void every_stage_is_conservative(void **state)
     sgs_profile *p = profile_of(&scene, &camera, &pose, 0, 0.05);
     assert_true(p->primitives == (double)scene.count);
     assert_true(p->macrotile_hits > 0 && p->macrotile_hits <= p->tile_hits);
+    assert_true(p->macrotile_hits <= p->gathered && p->gathered <= p->distinct);
+    assert_true(p->distinct <= p->callbacks && p->gathered <= p->candidates);
+    assert_true(p->traced > 0 && p->traced <= p->primitives);
     assert_true(p->tile_hits <= p->candidates && p->block_hits <= p->evaluations);
     assert_true(p->evaluations <= p->block_tests && p->block_tests == 16 * p->candidates);
     assert_true(p->hits <= 16 * p->block_hits && p->block_hits <= p->hits);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *tree = &p->trees[k];
-        assert_true(tree->callbacks >= p->macrotile_hits); // conservative for any tree
+        assert_true(tree->distinct >= p->macrotile_hits); // conservative for any tree
+        assert_true(tree->distinct <= tree->callbacks);
+        // One primitive per leaf: Embree reports exactly the boxes that the packets cross.
+        if (k < SGS_PROFILE_REFIT)
+            assert_true(tree->distinct == p->trees[0].distinct && tree->leaves == COUNT);
+        else
+            assert_true(tree->distinct >= p->trees[0].distinct && tree->leaves < COUNT);
+        double leaves = 0, primitives = 0;
+        for (int n = 0; n < 8; ++n) {
+            leaves += tree->leaf_sizes[n];
+            primitives += n * tree->leaf_sizes[n];
+        }
+        assert_true(leaves == tree->leaves && primitives == COUNT && tree->nodes > leaves);
+        assert_true(tree->node_visits > 0 &&
+                    tree->box_tests >= tree->node_visits - p->tiles_x * p->tiles_y);
         assert_true(tree->build > 0 && tree->gather > 0 && tree->bytes > 16 * COUNT);
         assert_true((tree->refit > 0) == (k >= SGS_PROFILE_REFIT));
         assert_true(tree->cost >= 1 && tree->overlap >= 0);
@@ -187,7 +205,7 @@ static void cost_and_overlap_of_two_boxes_equal_hand_computed_values(void **stat
         // Unit cubes three units apart: the root is 4 x 1 x 1, surface 18; leaves 6 each.
         const sgsi_bounds apart[2] = {box(0, 0, 0, 1), box(3, 0, 0, 1)};
         sgsi_bvh_cost cost;
-        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 2, qualities[q], &cost),
+        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 2, qualities[q], NULL, &cost),
                          SGS_STATUS_OK);
         assert_int_equal(cost.nodes, 3);
         assert_int_equal(cost.leaves, 2);
@@ -196,13 +214,88 @@ static void cost_and_overlap_of_two_boxes_equal_hand_computed_values(void **stat
         // The same tree after the cubes moved onto each other: all surfaces are 6, with full
         // overlap.
         const sgsi_bounds moved[2] = {box(0, 0, 0, 1), box(0, 0, 0, 1)};
-        assert_int_equal(sgsi_bvh_cost_measure(apart, moved, 2, qualities[q], &cost),
+        assert_int_equal(sgsi_bvh_cost_measure(apart, moved, 2, qualities[q], NULL, &cost),
                          SGS_STATUS_OK);
         assert_true(fabs(cost.cost - 3) < 1e-6);
         assert_true(fabs(cost.overlap - 1) < 1e-6);
-        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 0, qualities[q], &cost),
+        assert_int_equal(sgsi_bvh_cost_measure(apart, apart, 0, qualities[q], NULL, &cost),
                          SGS_STATUS_OK);
         assert_true(cost.cost == 0 && cost.nodes == 0);
+    }
+}
+
+enum { BOXES = 600, PACKETS = 100 };
+
+static double uniform(uint64_t *counter)
+{
+    return (double)(sgsi_random_bits(5, (*counter)++) >> 11) * 0x1p-53;
+}
+
+// Whether a valid ray of the packet crosses the box, in double precision.
+static bool crosses(const sgsi_packet *packet, const sgsi_bounds *b)
+{
+    for (int i = 0; i < 16; ++i) {
+        double enter = 0, leave = (double)packet->far[i];
+        for (int k = 0; k < 3; ++k) {
+            const double o = (double)packet->origin[k], d = (double)packet->direction[k][i];
+            const double t0 = ((double)b->lower[k] - o) / d, t1 = ((double)b->upper[k] - o) / d;
+            enter = fmax(enter, fmin(t0, t1));
+            leave = fmin(leave, fmax(t0, t1));
+        }
+        if (packet->valid >> i & 1 && enter <= leave)
+            return true;
+    }
+    return false;
+}
+
+// The leaves that packets visit have at least the boxes that they cross, and exactly those if each
+// leaf has one primitive.
+static void packets_visit_the_boxes_that_they_cross(void **state)
+{
+    (void)state;
+    static sgsi_bounds boxes[BOXES];
+    static sgsi_packet packets[PACKETS];
+    uint64_t counter = 0, pairs = 0;
+    for (int i = 0; i < BOXES; ++i)
+        boxes[i] = box((float)(8 * uniform(&counter)), (float)(8 * uniform(&counter)),
+                       (float)(8 * uniform(&counter)), (float)uniform(&counter));
+    for (int p = 0; p < PACKETS; ++p) {
+        packets[p].valid = p % 4 ? 0xffff : 0x8421;
+        for (int k = 0; k < 3; ++k)
+            packets[p].origin[k] = (float)(12 * uniform(&counter) - 2);
+        for (int i = 0; i < 16; ++i) {
+            double d[3], length = 0;
+            for (int k = 0; k < 3; ++k) {
+                const double to = 4 + 2 * uniform(&counter) + 0.2 * i;
+                d[k] = to - (double)packets[p].origin[k];
+                length = hypot(length, d[k]);
+            }
+            for (int k = 0; k < 3; ++k)
+                packets[p].direction[k][i] = (float)(d[k] / length);
+            packets[p].far[i] = p % 3 ? INFINITY : (float)(6 * uniform(&counter));
+        }
+    }
+    for (int p = 0; p < PACKETS; ++p)
+        for (int i = 0; i < BOXES; ++i)
+            pairs += crosses(&packets[p], &boxes[i]);
+    assert_true(pairs > 500);
+    for (int q = SGSI_BVH_LOW; q <= SGSI_BVH_REFIT; ++q) {
+        sgsi_bvh_cost cost;
+        sgsi_bvh_visits visits = {.packets = packets, .count = PACKETS};
+        assert_int_equal(
+            sgsi_bvh_cost_measure(boxes, boxes, BOXES, (sgsi_bvh_quality)q, &visits, &cost),
+            SGS_STATUS_OK);
+        print_message("quality %d: %llu primitives, %llu boxes crossed, %llu nodes, depth %d\n", q,
+                      (unsigned long long)visits.primitives, (unsigned long long)pairs,
+                      (unsigned long long)visits.nodes, cost.depth);
+        if (q == SGSI_BVH_REFIT)
+            assert_true(visits.primitives > pairs);
+        else // a ray may touch a box within rounding
+            assert_true(fabs((double)visits.primitives - (double)pairs) <= 1e-3 * (double)pairs);
+        // Every visited node except the roots was a tested box; fewer tests than pairs.
+        assert_true(visits.boxes >= visits.nodes - PACKETS);
+        assert_true(visits.boxes < (uint64_t)PACKETS * BOXES / 2);
+        assert_true(cost.depth >= 4 && cost.depth <= 40);
     }
 }
 
@@ -267,6 +360,7 @@ int main(void)
         cmocka_unit_test(every_stage_is_conservative),
         cmocka_unit_test(pairs_have_a_hit_that_matters),
         cmocka_unit_test(cost_and_overlap_of_two_boxes_equal_hand_computed_values),
+        cmocka_unit_test(packets_visit_the_boxes_that_they_cross),
         cmocka_unit_test(options_out_of_range_are_rejected),
         cmocka_unit_test(counters_count_or_report_the_reason),
     };

@@ -323,11 +323,16 @@ void named_camera_free(named_camera *camera)
     free(camera->stem);
 }
 
+size_t evenly_spaced(size_t k, size_t most, size_t count)
+{
+    return (k * count + most - 1) / most;
+}
+
 void camera_list_thin(camera_list *list, size_t most)
 {
     size_t kept = 0;
     for (size_t i = 0; i < list->count; ++i) {
-        if (kept < most && (list->count <= most || i * most / list->count == kept))
+        if (kept < most && (list->count <= most || i == evenly_spaced(kept, most, list->count)))
             list->cameras[kept++] = list->cameras[i];
         else
             named_camera_free(&list->cameras[i]);

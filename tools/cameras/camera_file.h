@@ -49,6 +49,8 @@ void camera_pose(const double rotation[9], const double position[3], sgs_pose *p
 // A pinhole with the vertical field of view `fov` in degrees, 0 to 179, and the principal point in
 // the image centre.
 sgs_camera camera_pinhole(int width, int height, double fov);
+// Index of the k-th of `most` <= count evenly spaced elements of a list.
+size_t evenly_spaced(size_t k, size_t most, size_t count);
 // Keeps at most `most` cameras, evenly spaced.
 void camera_list_thin(camera_list *list, size_t most);
 // Releases the members of a camera.

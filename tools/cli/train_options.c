@@ -81,7 +81,7 @@ static const option output_options[] = {
      .offset = AT(trace),
      .argument = "FILE",
      .shown = "none",
-     .help = "write the phases of each iteration as a Chrome/Perfetto trace (about 1 KB per "
+     .help = "write the phases of each iteration as a Chrome/Perfetto trace (about 1.5 KB per "
              "iteration)"},
     LPIPS_OPTIONS(train_values),
     {.name = "view",

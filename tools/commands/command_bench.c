@@ -10,6 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "cameras/camera_file.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
@@ -259,7 +260,7 @@ static bool measure_model(bench_run *run, const char *model, const char *scene_p
         const size_t wanted = (size_t)run->values->views;
         const size_t count = wanted < scene->view_count ? wanted : scene->view_count;
         for (size_t v = 0; v < count; ++v)
-            views[v] = scene->views[v * scene->view_count / count];
+            views[v] = scene->views[evenly_spaced(v, count, scene->view_count)];
         const sgs_render_options render = drawing_render_options(&drawing);
         done = measure(run, model, gaussians, views, count, &render);
     }

@@ -140,12 +140,14 @@ static bool profile_views(profiling *job)
     for (size_t v = 0; v < job->cameras.count && !interrupt_signal(); ++v) {
         const named_camera *view = &job->cameras.cameras[v];
         sgs_profile *profile;
+        const size_t other = (v ? v : job->cameras.count) - 1;
+        job->options.built_for = &job->cameras.cameras[other].pose;
         progress_count("profiling", v, job->cameras.count);
         if (sgs_profile_view(job->model, &view->camera, &view->pose, &job->options, &profile)) {
             fail_library();
             return false;
         }
-        profile_report_add(&job->report, profile);
+        profile_report_add(&job->report, view->name, profile);
         const bool written =
             !job->values->output || profile_write_maps(job->values->output, view, profile,
                                                        job->common->json ? stderr : stdout);
@@ -260,6 +262,7 @@ static bool profile_model(profiling *job, const sgs_scene *scene, bool split_giv
         SGS_TRAIN_LR_MEAN *
         scene->extent; // initial learning rate of the means: the size of an Adam step
     job->report.refits = job->values->refits;
+    job->report.repeat = job->values->repeat;
     bool done = measure_training(job) && profile_views(job);
     if (done && !interrupt_signal()) {
         if (job->common->json)
@@ -303,7 +306,10 @@ static int run_profile(const command_line *line, const profile_values *values,
                                .common = common,
                                .model = model,
                                .counters = counters,
-                               .report = {.counted = counters != NULL, .no_counters = reason},
+                               .report = {.counted = counters != NULL,
+                                          .no_counters = reason,
+                                          .model = line->operands[0],
+                                          .scene = line->operands[1]},
                                .options = sgs_profile_options_default()};
             job->render = drawing_render_options(drawing);
             job->options.render = &job->render;
@@ -313,6 +319,7 @@ static int run_profile(const command_line *line, const profile_values *values,
             job->options.seed = common->seed;
             const bool done = profile_model(job, scene, option_given(line, "split"));
             status = done ? interrupt_status() : EXIT_FAILED;
+            json_decref(job->report.per_view);
         } else {
             status = fail_run("not enough memory for a profile");
         }

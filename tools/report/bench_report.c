@@ -220,7 +220,8 @@ void bench_print_table(const bench_report *report)
                    r->limits.tsc_ghz);
         printf("%s, %s, %d thread%s: %.0f primitives, %.0f pixels\n", r->name, sgs_isa_name(r->isa),
                r->threads, r->threads == 1 ? "" : "s", c->primitives, c->pixels);
-        printf("  %.1f hits per ray, %.0f candidates per tile, %.1f evaluated and %.1f hit per "
+        printf("  %.1f hits per ray, %.0f candidates per tile in front of the depth bounds, %.1f "
+               "evaluated and %.1f hit per "
                "block, %.1f %% of lanes "
                "used\n",
                hits_per_ray(r), c->candidates / c->tiles, c->evaluations / (16 * c->tiles),

@@ -15,9 +15,12 @@
 // Numbers of a profile that are averaged over views.
 #define SGS_EACH_SUM(X)                                                                            \
     X(rays)                                                                                        \
+    X(traced)                                                                                      \
     X(forward)                                                                                     \
     X(noise)                                                                                       \
     X(callbacks)                                                                                   \
+    X(distinct)                                                                                    \
+    X(gathered)                                                                                    \
     X(candidates)                                                                                  \
     X(block_tests)                                                                                 \
     X(evaluations)                                                                                 \
@@ -28,12 +31,46 @@
 // Of the views in which a sampled pixel has a ray.
 #define SGS_EACH_SAMPLED(X) X(sampled_hits) X(sampled_hits_unstopped) X(sampled_stopped)
 #define SGS_EACH_TREE_SUM(X)                                                                       \
-    X(build) X(refit) X(gather) X(gather_with_depth_bound) X(bytes) X(callbacks) X(cost) X(overlap)
+    X(build)                                                                                       \
+    X(refit)                                                                                       \
+    X(gather)                                                                                      \
+    X(gather_with_depth_bound)                                                                     \
+    X(bytes)                                                                                       \
+    X(callbacks)                                                                                   \
+    X(distinct)                                                                                    \
+    X(cost)                                                                                        \
+    X(overlap)                                                                                     \
+    X(nodes)                                                                                       \
+    X(leaves)                                                                                      \
+    X(depth)                                                                                       \
+    X(node_visits)                                                                                 \
+    X(box_tests)
 
-void profile_report_add(profile_report *report, const sgs_profile *profile)
+enum { LEAF_SIZES = sizeof((sgs_profile_tree *)0)->leaf_sizes / sizeof(double) };
+
+static void add_numbers(json_t *object, const sgs_profile *profile);
+static json_t *tree_json(const sgs_profile *profile, sgs_profile_kind kind);
+
+static json_t *one_view_json(const char *name, const sgs_profile *profile)
+{
+    json_t *object = json_object(), *trees = json_array();
+    json_object_set_new(object, "name", json_text(name));
+    json_object_set_new(object, "width", json_integer(profile->width));
+    json_object_set_new(object, "height", json_integer(profile->height));
+    add_numbers(object, profile);
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k)
+        json_array_append_new(trees, tree_json(profile, (sgs_profile_kind)k));
+    json_object_set_new(object, "trees", trees);
+    return object;
+}
+
+void profile_report_add(profile_report *report, const char *name, const sgs_profile *profile)
 {
     sgs_profile *mean = &report->mean;
     ++report->views;
+    if (!report->per_view)
+        report->per_view = json_array();
+    json_array_append_new(report->per_view, one_view_json(name, profile));
     mean->primitives = profile->primitives;
     mean->tiles_x += profile->tiles_x * profile->tiles_y;
 #define X(name) mean->name += profile->name;
@@ -49,6 +86,8 @@ void profile_report_add(profile_report *report, const sgs_profile *profile)
 #define X(name) mean->trees[k].name += profile->trees[k].name;
         SGS_EACH_TREE_SUM(X)
 #undef X
+        for (int n = 0; n < LEAF_SIZES; ++n)
+            mean->trees[k].leaf_sizes[n] += profile->trees[k].leaf_sizes[n];
     }
     const int tiles = profile->tiles_x * profile->tiles_y;
     double sum = 0, largest = 0;
@@ -75,6 +114,8 @@ void profile_report_finish(profile_report *report)
 #define X(name) mean->trees[k].name *= share;
         SGS_EACH_TREE_SUM(X)
 #undef X
+        for (int n = 0; n < LEAF_SIZES; ++n)
+            mean->trees[k].leaf_sizes[n] *= share;
     }
     mean->tiles_x = (int)(mean->tiles_x * share + 0.5);
     mean->tiles_y = 1;
@@ -105,6 +146,14 @@ static double iteration_cost(const profile_report *report, sgs_profile_kind kind
     if (kind < SGS_PROFILE_REFIT)
         return tree->build + gather_wall(tree);
     return tree->refit + gather_wall(tree) + tree->build / REBUILT_EVERY;
+}
+
+// Above this timing noise, no tree is called faster than another.
+static const double noise_limit = 0.2;
+
+static bool is_too_noisy(const profile_report *report)
+{
+    return report->mean.noise > noise_limit;
 }
 
 // Relative difference that exceeds timing noise, at least 2 %.
@@ -142,22 +191,28 @@ static bool high_is_medium(const profile_report *report)
     return medium->callbacks == high->callbacks && medium->bytes == high->bytes;
 }
 
-static double more_callbacks(const profile_report *report)
+// Boxes and primitives that the packets of a view test.
+static double tests(const sgs_profile_tree *tree)
 {
-    return quotient(report->mean.trees[SGS_PROFILE_AGED].callbacks,
-                    report->mean.trees[SGS_PROFILE_REFIT].callbacks) -
+    return tree->box_tests + tree->callbacks;
+}
+
+static double more_tests(const profile_report *report)
+{
+    return quotient(tests(&report->mean.trees[SGS_PROFILE_AGED]),
+                    tests(&report->mean.trees[SGS_PROFILE_REFIT])) -
            1;
 }
 
 // Refits after which the extra gather time of an aging tree equals the cost of a build. Gather time
-// is taken as proportional to callbacks, which are less noisy than time, and grows linearly to
+// is taken as proportional to the tests, which are less noisy than time, and grows linearly to
 // `extra` at the measured age n. So r refits cost extra r^2 / (2 n), and the mean cost per
-// iteration is minimal where that equals the build. Infinite if callbacks do not grow.
+// iteration is minimal where that equals the build. Infinite if the tests do not grow.
 static double rebuild_after(const profile_report *report)
 {
     const sgs_profile_tree *fresh = &report->mean.trees[SGS_PROFILE_REFIT];
-    const double extra = gather_wall(fresh) * more_callbacks(report);
-    return report->refits && extra > 0 && more_callbacks(report) > 1e-3
+    const double extra = gather_wall(fresh) * more_tests(report);
+    return report->refits && extra > 0 && more_tests(report) > 1e-3
                ? sqrt(2 * fresh->build * report->refits / extra)
                : INFINITY;
 }
@@ -215,7 +270,11 @@ static char *answer_quality(const profile_report *report)
                     1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
                     1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
     char *drawing =
-        draw == SGS_PROFILE_LOW
+        is_too_noisy(report)
+            ? format_text("for a fixed model undecided: gather times differ by %.0f %% between "
+                          "repetitions; use more of them, or an idle machine",
+                          100 * report->mean.noise)
+        : draw == SGS_PROFILE_LOW
             ? format_text("for a fixed model low: no other tree is faster by more than the timing "
                           "noise of %.0f %%",
                           100 * min_gain(report))
@@ -238,11 +297,13 @@ static char *answer_rebuild(const profile_report *report)
     if (isfinite(after))
         return format_text(
             "Rebuild: after about %.0f refits, or when primitives are added or removed; %d refits "
-            "increase callbacks by %.1f %%, a build takes %.2f ms and a refit %.2f ms.",
-            after, report->refits, 100 * more_callbacks(report), 1e3 * fresh->build,
+            "increase the tests of boxes and primitives by %.1f %%, a build takes %.2f ms and a "
+            "refit %.2f ms.",
+            after, report->refits, 100 * more_tests(report), 1e3 * fresh->build,
             1e3 * fresh->refit);
     return format_text(
-        "Rebuild: only when primitives are added or removed; %d refits do not increase callbacks.",
+        "Rebuild: only when primitives are added or removed; %d refits do not increase the tests "
+        "of boxes and primitives.",
         report->refits);
 }
 
@@ -255,13 +316,14 @@ static char *answer_dominant(const profile_report *report)
         return format_text("Dominant phase: %s; no part of the model is in view.", largest.name);
     return format_text(
         "Dominant phase: %s, %.0f %% of %s; %.1f %% of the evaluated (block, primitive) pairs have "
-        "no hit, %.0f %% of SIMD lanes have a hit, %.1f %% of BVH callbacks lead to a hit, and "
+        "no hit, %.0f %% of SIMD lanes have a hit, %.1f %% of the primitives that the BVH reports "
+        "lead to a hit, and "
         "the slowest tile takes %.1f times the mean.",
         largest.name, 100 * quotient(largest.seconds, whole),
         report->training.iteration > 0 ? "an iteration" : "a view",
         100 * (1 - quotient(m->block_hits, m->evaluations)),
         100 * quotient(m->hits, 16 * m->evaluations),
-        100 * quotient(m->macrotile_hits, m->callbacks), report->tile_slowest);
+        100 * quotient(m->macrotile_hits, m->distinct), report->tile_slowest);
 }
 
 // ---- Table and JSON ----
@@ -269,18 +331,26 @@ static char *answer_dominant(const profile_report *report)
 static void print_trees(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
-    printf("%-8s %10s %10s %12s %12s %10s %12s %10s %9s\n", "tree", "build ms", "refit ms",
-           "gather ms*", "bounded ms*", "MB", "callbacks", "SA cost", "overlap");
+    printf("%-8s %10s %10s %12s %12s %10s\n", "tree", "build ms", "refit ms", "gather ms*",
+           "bounded ms*", "MB");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *t = &m->trees[k];
-        printf("%-8s %10.2f %10.2f %12.2f %12.2f %10.1f %12.0f %10.1f %9.3f\n",
+        printf("%-8s %10.2f %10.2f %12.2f %12.2f %10.1f\n",
                sgs_profile_kind_name((sgs_profile_kind)k), 1e3 * t->build, 1e3 * t->refit,
-               1e3 * t->gather, 1e3 * t->gather_with_depth_bound, 1e-6 * t->bytes, t->callbacks,
-               t->cost, t->overlap);
+               1e3 * t->gather, 1e3 * t->gather_with_depth_bound, 1e-6 * t->bytes);
     }
     printf("* core time per view, best of the repetitions (timing noise %.0f %%); bounded: with "
            "depth bounds of an earlier visit, as in training; aged: after %d refits\n\n",
            100 * m->noise, report->refits);
+    printf("%-8s %9s %9s %6s %8s %8s %12s %12s %12s %12s\n", "tree", "nodes", "leaves", "depth",
+           "SA cost", "overlap", "node visits", "box tests", "callbacks", "distinct");
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        const sgs_profile_tree *t = &m->trees[k];
+        printf("%-8s %9.0f %9.0f %6.3g %8.1f %8.3f %12.0f %12.0f %12.0f %12.0f\n",
+               sgs_profile_kind_name((sgs_profile_kind)k), t->nodes, t->leaves, t->depth, t->cost,
+               t->overlap, t->node_visits, t->box_tests, t->callbacks, t->distinct);
+    }
+    putchar('\n');
 }
 
 static void print_counts(const sgs_profile *m)
@@ -289,19 +359,21 @@ static void print_counts(const sgs_profile *m)
         const char *name;
         double value;
     } rows[] = {{"BVH callbacks", m->callbacks},
-                {"candidates of the tiles", m->candidates},
+                {"distinct in their macrotile", m->distinct},
+                {"candidates of the macrotiles", m->gathered},
+                {"candidates of the tiles (tile, primitive)", m->candidates},
                 {"block tests", m->block_tests},
                 {"evaluations (block, primitive)", m->evaluations},
                 {"block hits (block, primitive)", m->block_hits},
                 {"true hits", m->hits}};
-    printf("%-34s %12s %12s\n", "", "per view", "per ray");
+    printf("%-42s %12s %12s\n", "", "per view", "per ray");
     for (size_t i = 0; i < sizeof rows / sizeof *rows; ++i)
-        printf("%-34s %12.0f %12.3f\n", rows[i].name, rows[i].value,
+        printf("%-42s %12.0f %12.3f\n", rows[i].name, rows[i].value,
                quotient(rows[i].value, m->rays));
     if (m->callbacks > 0 && m->candidates > 0 && m->evaluations > 0)
-        printf("false positives: %.1f %% of callbacks, %.1f %% of candidates, %.1f %% of "
+        printf("false positives: %.1f %% of distinct callbacks, %.1f %% of candidates, %.1f %% of "
                "evaluations, %.1f %% of lanes\n",
-               100 * (1 - quotient(m->macrotile_hits, m->callbacks)),
+               100 * (1 - quotient(m->macrotile_hits, m->distinct)),
                100 * (1 - quotient(m->tile_hits, m->candidates)),
                100 * (1 - quotient(m->block_hits, m->evaluations)),
                100 * (1 - quotient(m->hits, 16 * m->evaluations)));
@@ -352,9 +424,10 @@ static void print_counters(const profile_report *report)
 void profile_print(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
-    printf("%.0f primitives, %.0f rays per view, %zu view%s, %s, %d thread%s\n\n", m->primitives,
-           m->rays, report->views, report->views == 1 ? "" : "s", sgs_isa_name(sgs_isa_get()),
-           sgs_threads_get(), sgs_threads_get() == 1 ? "" : "s");
+    printf("%.0f primitives, %.0f in reach of a ray, %.0f rays per view, %zu view%s, %s, %d "
+           "thread%s\n\n",
+           m->primitives, m->traced, m->rays, report->views, report->views == 1 ? "" : "s",
+           sgs_isa_name(sgs_isa_get()), sgs_threads_get(), sgs_threads_get() == 1 ? "" : "s");
     print_trees(report);
     print_counts(m);
     if (report->training.iteration > 0)
@@ -371,24 +444,33 @@ void profile_print(const profile_report *report)
     }
 }
 
-static json_t *tree_json(const profile_report *report, sgs_profile_kind kind)
+static json_t *tree_json(const sgs_profile *profile, sgs_profile_kind kind)
 {
-    const sgs_profile_tree *t = &report->mean.trees[kind];
-    json_t *object = json_object();
+    const sgs_profile_tree *t = &profile->trees[kind];
+    json_t *object = json_object(), *sizes = json_array();
+    const struct {
+        const char *name;
+        double value;
+    } numbers[] = {{"build_seconds", t->build},
+                   {"refit_seconds", kind < SGS_PROFILE_REFIT ? NAN : t->refit},
+                   {"gather_core_seconds", t->gather},
+                   {"gather_with_depth_bound_core_seconds", t->gather_with_depth_bound},
+                   {"bytes", t->bytes},
+                   {"callbacks", t->callbacks},
+                   {"distinct_callbacks", t->distinct},
+                   {"surface_area_cost", t->cost},
+                   {"overlap", t->overlap},
+                   {"nodes", t->nodes},
+                   {"leaves", t->leaves},
+                   {"depth", t->depth},
+                   {"node_visits", t->node_visits},
+                   {"box_tests", t->box_tests}};
     json_object_set_new(object, "name", json_string(sgs_profile_kind_name(kind)));
-    json_object_set_new(object, "build_seconds", json_number(t->build));
-    json_object_set_new(object, "refit_seconds",
-                        kind < SGS_PROFILE_REFIT ? json_null() : json_number(t->refit));
-    json_object_set_new(object, "gather_core_seconds", json_number(t->gather));
-    json_object_set_new(object, "gather_with_depth_bound_core_seconds",
-                        json_number(t->gather_with_depth_bound));
-    json_object_set_new(object, "bytes", json_number(t->bytes));
-    json_object_set_new(object, "callbacks", json_number(t->callbacks));
-    json_object_set_new(object, "surface_area_cost", json_number(t->cost));
-    json_object_set_new(object, "overlap", json_number(t->overlap));
-    json_object_set_new(object, "refits",
-                        json_integer(kind == SGS_PROFILE_AGED ? report->refits : 0));
-    json_object_set_new(object, "iteration_seconds", json_number(iteration_cost(report, kind)));
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
+        json_object_set_new(object, numbers[i].name, json_number(numbers[i].value));
+    for (int n = 0; n < LEAF_SIZES; ++n)
+        json_array_append_new(sizes, json_number(t->leaf_sizes[n]));
+    json_object_set_new(object, "leaf_sizes", sizes);
     return object;
 }
 
@@ -425,18 +507,17 @@ static json_t *training_json(const sgs_bench_sample *sample)
     return object;
 }
 
-json_t *profile_json(const profile_report *report)
+// Counts, times and rates of a view, or their means.
+static void add_numbers(json_t *object, const sgs_profile *m)
 {
-    const sgs_profile *m = &report->mean;
-    json_t *root = json_object(), *trees = json_array(), *view = json_object(),
-           *rates = json_object(), *answers = json_object();
-    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k)
-        json_array_append_new(trees, tree_json(report, (sgs_profile_kind)k));
     const struct {
         const char *name;
         double value;
     } numbers[] = {{"rays", m->rays},
+                   {"traced_primitives", m->traced},
                    {"callbacks", m->callbacks},
+                   {"distinct_callbacks", m->distinct},
+                   {"macrotile_candidates", m->gathered},
                    {"candidates", m->candidates},
                    {"block_tests", m->block_tests},
                    {"evaluations", m->evaluations},
@@ -447,18 +528,26 @@ json_t *profile_json(const profile_report *report)
                    {"sampled_hits_unstopped", m->sampled_hits_unstopped},
                    {"sampled_stopped", m->sampled_stopped},
                    {"forward_core_seconds", m->forward},
-                   {"gather_noise", m->noise},
-                   {"tile_slowest_over_mean", report->tile_slowest}};
+                   {"gather_noise", m->noise}};
+    const struct {
+        const char *name;
+        double hits, all;
+    } rates[] = {{"callbacks", m->macrotile_hits, m->distinct},
+                 {"candidates", m->tile_hits, m->candidates},
+                 {"evaluations", m->block_hits, m->evaluations},
+                 {"lanes", m->hits, 16 * m->evaluations}};
+    json_t *false_positives = json_object();
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
-        json_object_set_new(view, numbers[i].name, json_number(numbers[i].value));
-    json_object_set_new(rates, "callbacks",
-                        json_number(1 - quotient(m->macrotile_hits, m->callbacks)));
-    json_object_set_new(rates, "candidates",
-                        json_number(1 - quotient(m->tile_hits, m->candidates)));
-    json_object_set_new(rates, "evaluations",
-                        json_number(1 - quotient(m->block_hits, m->evaluations)));
-    json_object_set_new(rates, "lanes", json_number(1 - quotient(m->hits, 16 * m->evaluations)));
-    json_object_set_new(view, "false_positives", rates);
+        json_object_set_new(object, numbers[i].name, json_number(numbers[i].value));
+    for (size_t i = 0; i < sizeof rates / sizeof *rates; ++i)
+        json_object_set_new(false_positives, rates[i].name,
+                            json_number(1 - quotient(rates[i].hits, rates[i].all)));
+    json_object_set_new(object, "false_positives", false_positives);
+}
+
+static json_t *answers_json(const profile_report *report)
+{
+    json_t *answers = json_object();
     double whole;
     const share largest = dominant(report, &whole);
     char *texts[] = {answer_quality(report), answer_rebuild(report), answer_dominant(report)};
@@ -466,7 +555,9 @@ json_t *profile_json(const profile_report *report)
     json_object_set_new(answers, "quality_training",
                         json_string(sgs_profile_kind_name(best_for_training(report))));
     json_object_set_new(answers, "quality_drawing",
-                        json_string(sgs_profile_kind_name(best_for_drawing(report))));
+                        is_too_noisy(report)
+                            ? json_null()
+                            : json_string(sgs_profile_kind_name(best_for_drawing(report))));
     json_object_set_new(answers, "rebuild_after_refits", json_number(rebuild_after(report)));
     json_object_set_new(answers, "dominant", json_string(largest.name));
     json_object_set_new(answers, "dominant_share", json_number(quotient(largest.seconds, whole)));
@@ -474,14 +565,43 @@ json_t *profile_json(const profile_report *report)
         json_object_set_new(answers, keys[i], json_string(texts[i]));
         free(texts[i]);
     }
-    json_object_set_new(root, "primitives", json_number(m->primitives));
-    json_object_set_new(root, "views", json_integer((json_int_t)report->views));
+    return answers;
+}
+
+// The program, the run of it, and the machine.
+static void add_origin(json_t *root, const profile_report *report)
+{
+    json_object_set_new(root, "version", json_string(sgs_version()));
+    json_object_set_new(root, "libraries", json_string(sgs_version_libraries()));
+    json_object_set_new(root, "model", json_text(report->model));
+    json_object_set_new(root, "scene", json_text(report->scene));
+    json_object_set_new(root, "repeat", json_integer(report->repeat));
     json_object_set_new(root, "threads", json_integer(sgs_threads_get()));
     json_object_set_new(root, "isa", json_string(sgs_isa_name(sgs_isa_get())));
+}
+
+json_t *profile_json(const profile_report *report)
+{
+    const sgs_profile *m = &report->mean;
+    json_t *root = json_object(), *trees = json_array(), *view = json_object();
+    add_origin(root, report);
+    for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
+        json_t *tree = tree_json(m, (sgs_profile_kind)k);
+        json_object_set_new(tree, "refits",
+                            json_integer(k == SGS_PROFILE_AGED ? report->refits : 0));
+        json_object_set_new(tree, "iteration_seconds",
+                            json_number(iteration_cost(report, (sgs_profile_kind)k)));
+        json_array_append_new(trees, tree);
+    }
+    add_numbers(view, m);
+    json_object_set_new(view, "tile_slowest_over_mean", json_number(report->tile_slowest));
+    json_object_set_new(root, "primitives", json_integer((json_int_t)m->primitives));
+    json_object_set_new(root, "views", json_integer((json_int_t)report->views));
     json_object_set_new(root, "trees", trees);
     json_object_set_new(root, "view", view);
+    json_object_set_new(root, "per_view", json_incref(report->per_view));
     json_object_set_new(root, "training_seconds", training_json(&report->training));
     json_object_set_new(root, "counters", counters_json(report));
-    json_object_set_new(root, "answers", answers);
+    json_object_set_new(root, "answers", answers_json(report));
     return root;
 }

@@ -15,7 +15,9 @@
 typedef struct profile_report {
     sgs_profile mean;
     size_t views, sampled_views; // sampled: with a ray in a sampled pixel
-    int refits;
+    int refits, repeat;
+    const char *model, *scene; // as given to the command
+    json_t *per_view;          // owned: an object for each view
     double tile_slowest;       // seconds of the slowest tile over the mean tile
     sgs_bench_sample training; // iteration over the same views; 0 if not measured
     bool counted;              // counters are valid
@@ -24,7 +26,7 @@ typedef struct profile_report {
 } profile_report;
 
 // Adds one view. Call profile_report_finish after the last one.
-void profile_report_add(profile_report *report, const sgs_profile *profile);
+void profile_report_add(profile_report *report, const char *name, const sgs_profile *profile);
 void profile_report_finish(profile_report *report);
 
 void profile_print(const profile_report *report);

@@ -54,15 +54,15 @@ void trace_iteration(trace_file *trace, int iteration, double start, double seco
     const struct {
         const char *name;
         double seconds;
-    } phases[] = {{"bvh_build", after->bvh_build - before->bvh_build},
+    } phases[] = {{"density", after->density - before->density},
+                  {"spare", after->spare - before->spare},
+                  {"bvh_build", after->bvh_build - before->bvh_build},
                   {"bvh_refit", after->bvh_refit - before->bvh_refit},
                   {"gather", after->gather - before->gather},
                   {"forward", after->forward - before->forward},
                   {"loss", after->loss - before->loss},
                   {"backward", after->backward - before->backward},
-                  {"optimizer", after->optimizer - before->optimizer},
-                  {"density", after->density - before->density},
-                  {"spare", after->spare - before->spare}};
+                  {"optimizer", after->optimizer - before->optimizer}};
     char name[32];
     snprintf(name, sizeof name, "iteration %d", iteration);
     put_span(trace, name, 1, start, seconds);
@@ -115,5 +115,8 @@ void trace_step(trace_file *trace, const sgs_trainer *trainer, double start,
     trace_iteration(trace, info->iteration, start, after.total - before->total, before, &after);
     add_count(trace, "loss", start, info->loss);
     add_count(trace, "gaussians", start, (double)info->gaussians);
+    add_count(trace, "bvh_callbacks", start, (double)info->callbacks);
+    add_count(trace, "tile_candidates", start, (double)info->candidates);
+    add_count(trace, "fallback_gathers", start, (double)info->fallback_gathers);
     add_count(trace, "rss_mb", start, 1e-6 * (double)sgs_rss_current());
 }

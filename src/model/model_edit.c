@@ -280,6 +280,15 @@ static sgs_status place_grid(const sgs_gaussians *model, voxel_grid *grid)
         for (size_t i = 0; i < grid->row_count; ++i)
             values[i] = (double)*sgs_gaussians_at(model, grid->rows[i].row, SGS_PARAM_MEAN + k);
         qsort(values, grid->row_count, sizeof *values, sgsi_compare_doubles);
+        const double low_end = values[grid->row_count / 100],
+                     high_end = values[grid->row_count - 1 - grid->row_count / 100];
+        if ((high_end - low_end) / grid->size >= VOXELS_PER_SIDE) {
+            sgsi_free(values);
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "voxel size %g is too small for floaters: at least %.2g is required "
+                             "for this model",
+                             grid->size, 1.01 * (high_end - low_end) / VOXELS_PER_SIDE);
+        }
         grid->low[k] = values[grid->row_count / 2] - grid->size * (VOXELS_PER_SIDE / 2);
     }
     sgsi_free(values);

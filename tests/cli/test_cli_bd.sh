@@ -85,6 +85,18 @@ bad "b.csv: line 2: psnr is 'inf'" <<<'size,psnr\n1,inf\n2,3\n3,4\n'
 bad "b.csv: line 2: size is 'nan'" <<<'size,psnr\nnan,1\n2,3\n3,4\n'
 bad "b.csv: line 2: size is '1 2'" <<<'size,psnr\n1 2,1\n2,3\n3,4\n'
 bad "b.csv: line 4: size is 0; it must be positive" <<<'size,psnr\n1,1\n2,3\n0,4\n'
+bad "b.csv: line 2: contains a NUL byte" <<<'size,psnr\n1\000,2\n2,3\n3,4\n'
+for header in "a," ","; do
+    yes "$header" | head -200000 | tr -d '\n' >"$b"
+    run 1 bd "$a" "$b"
+    reports "b.csv: line 1: is longer than"
+done
+yes "a," | head -30000 | tr -d '\n' >"$b"
+printf 'size,psnr\n%s1,2\n' "$(yes "b," | head -30000 | tr -d '\n')" >>"$b"
+run 1 bd "$a" "$b"
+reports "b.csv: 1 rows"
+run 1 bd /dev/zero "$a"
+reports "/dev/zero"
 run 1 bd "$a" "$temporary/nowhere.csv"
 reports "nowhere.csv: No such file or directory"
 mkfifo "$temporary/pipe.csv"

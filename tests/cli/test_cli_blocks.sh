@@ -166,6 +166,7 @@ check leftovers_of_a_killed_merge_are_removed test ! -e "$temporary/merged/confi
 json "$temporary/stdout" '.seams.images == 2 and .seams.reference_psnr_seam == null'
 check stdout_is_the_summary test "$(jq -Sc . "$temporary/stdout")" = "$(jq -Sc . "$temporary/merged/summary.json")"
 run 0 merge "$dir" -o "$temporary/without" --seam-images 0
+run 2 merge "$dir" -o "$temporary/idle" --seam-images 0 --seam-reference none
 json "$temporary/without/summary.json" '.seams == null'
 # a_moved_folder_of_blocks_is_complete: its coarse model is found, its scripts and --resume work there
 compared=$(jq -c .seams "$temporary/merged/summary.json")

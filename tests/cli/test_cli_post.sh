@@ -22,6 +22,7 @@ refused() { # MESSAGE POST
     check nothing_ran test ! -e "$out/runs"
 }
 refused '"post" must be a list of steps' '{}'
+refused 'post: the name of step 1 must be a text' '[{"name": 5, "prune": {"method": "refine"}}]'
 refused 'post: each step is an object with either "prune" or "compress"' '[{"name": "x"}]'
 refused 'post: each step is an object with either "prune" or "compress"' '[{"prune": {"method": "refine"}, "compress": {"method": "sog"}}]'
 refused 'post: prune: method: is missing' '[{"prune": {}}]'

@@ -70,6 +70,12 @@ run 0 eval "$out" "$scene" --split all
 prints "over 35 images (30 training images, 5 held out)"
 run 0 eval "$out" "$scene" --split all --json
 json "$temporary/stdout" '.split == "all" and .training_images == 30'
+# Training images do not become held-out images by an option: 2 of these 12 were held out.
+run 0 eval "$out" "$scene" --test-every 3
+prints "over 12 images (10 training images, 2 held out)"
+reports "$out was trained on 10 of the 12 images; their scores are not those of held-out images"
+run 0 eval "$out" "$scene" --test-every 3 --json --quiet
+json "$temporary/stdout" '.split == "test" and .training_images == 10'
 ply=$out/point_cloud/iteration_12/point_cloud.ply
 run 0 eval "$ply" "$scene" --downscale 8
 prints "over 35 images (35 training images, 0 held out)"

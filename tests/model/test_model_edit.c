@@ -369,6 +369,11 @@ static void floater_options_have_defaults_and_limits(void **state)
                                              k % 3 == 2 ? wrong : 0.01};
         assert_int_equal(sgs_select_connected(model, &options, keep), SGS_STATUS_INVALID_ARGUMENT);
     }
+    // The grid has 2^20 voxels per side; the points span 19 units, but for two outliers.
+    const sgs_floater_options tiny = {1e-5, 0.1, 0.01}, small = {2e-5, 0.1, 0.01};
+    assert_int_equal(sgs_select_connected(model, &tiny, keep), SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "at least 1.8e-05 is required"));
+    assert_int_equal(sgs_select_connected(model, &small, keep), SGS_STATUS_OK);
     sgs_gaussians_destroy(model);
 }
 

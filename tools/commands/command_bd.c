@@ -97,14 +97,18 @@ static char *field_of(char *line, int index)
 // The index of a column of the header, or -1.
 static int column_of(const char *header, const char *name)
 {
-    for (int k = 0;; ++k) {
-        char *copy = format_text("%s", header); // field_of ends the field in it
-        const char *field = field_of(copy, k);
-        const bool ended = !field, same = field && !strcasecmp(field, name);
-        free(copy);
-        if (ended || same)
-            return same ? k : -1;
+    char *copy = format_text("%s", header);
+    int column = -1, k = 0;
+    for (char *at = copy; at && column < 0; ++k) {
+        const size_t length = field_length(at);
+        char *next = at[length] == ',' ? at + length + 1 : NULL;
+        at[length] = '\0';
+        const char *field = field_of(at, 0);
+        column = !strcasecmp(field, name) ? k : -1;
+        at = next;
     }
+    free(copy);
+    return column;
 }
 
 // Parses COLUMN=VALUE,... Returns -1 to continue, or an exit status.
@@ -215,16 +219,39 @@ static bool is_blank(const char *line)
     return !line[strspn(line, " \t\r\n")];
 }
 
+enum { LINE_MOST = 1 << 16 };
+
+// The next line, with its end. False at the end of the file, or with *valid false after printing
+// the error.
+static bool read_line(const char *path, FILE *stream, size_t row, char line[LINE_MOST], bool *valid)
+{
+    size_t length = 0;
+    int c = 0;
+    while (length < LINE_MOST - 1 && c != '\n' && (c = getc(stream)) > 0)
+        line[length++] = (char)c;
+    line[length] = '\0';
+    *valid = false;
+    if (c == 0)
+        fail_run("%s: line %zu: contains a NUL byte; a text file is required", path, row);
+    else if (c == EOF && ferror(stream))
+        fail_run("%s: %s", path, strerror(errno));
+    else if (length == LINE_MOST - 1 && c != '\n')
+        fail_run("%s: line %zu: is longer than %d bytes", path, row, LINE_MOST - 2);
+    else
+        *valid = true;
+    return *valid && length;
+}
+
 #define BYTE_ORDER_MARK "\xef\xbb\xbf" // begins tables that spreadsheets export as UTF-8
 
 static bool read_rows(const char *path, FILE *stream, const selection *rows, curve *read)
 {
     table_columns columns = {0};
-    char *line = NULL;
-    size_t room = 0, row = 0;
+    char line[LINE_MOST];
+    size_t row = 0;
     bool valid = true, header = true;
-    while (valid && getline(&line, &room, stream) > 0) {
-        if (++row == 1 && !strncmp(line, BYTE_ORDER_MARK, strlen(BYTE_ORDER_MARK)))
+    while (valid && read_line(path, stream, ++row, line, &valid)) {
+        if (row == 1 && !strncmp(line, BYTE_ORDER_MARK, strlen(BYTE_ORDER_MARK)))
             memmove(line, line + strlen(BYTE_ORDER_MARK),
                     strlen(line + strlen(BYTE_ORDER_MARK)) + 1);
         if (is_blank(line))
@@ -236,11 +263,6 @@ static bool read_rows(const char *path, FILE *stream, const selection *rows, cur
         }
         header = false;
         valid = find_columns(path, row, line, rows, &columns);
-    }
-    free(line);
-    if (valid && ferror(stream)) {
-        fail_run("%s: %s", path, strerror(errno));
-        valid = false;
     }
     return valid;
 }

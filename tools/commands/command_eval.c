@@ -168,15 +168,38 @@ static bool evaluate_on_ranks(const evaluator *evaluation, sgs_split split, imag
     return done;
 }
 
-// How many of the images were used for training, as far as the split is known.
-static void print_means(const evaluator *evaluation, sgs_split split, const split_score *mean)
+// The images that are evaluated.
+typedef struct image_choice {
+    sgs_split split;
+    size_t count, trained; // trained: those that the model was trained on
+} image_choice;
+
+// Which images the model was trained on is known from its run, else taken from the split.
+static image_choice choose_images(const model_path *located, const sgs_scene *scene,
+                                  sgs_split split)
 {
-    const sgs_scene *scene = evaluation->scene;
-    const size_t held_out = scene_split_count(scene, SGS_SPLIT_TEST);
-    char *kind = split == SGS_SPLIT_TEST    ? format_text("held out")
-                 : split == SGS_SPLIT_TRAIN ? format_text("training images")
-                                            : format_text("%zu training images, %zu held out",
-                                                          scene->view_count - held_out, held_out);
+    image_choice images = {.split = split, .count = scene_split_count(scene, split)};
+    const ptrdiff_t trained =
+        located->run ? run_record_trained(located->run, located->config, scene, split) : -1;
+    images.trained = trained >= 0              ? (size_t)trained
+                     : split == SGS_SPLIT_TEST ? 0
+                                               : scene_split_count(scene, SGS_SPLIT_TRAIN);
+    if (split == SGS_SPLIT_TEST && images.trained)
+        print_warning("%s was trained on %zu of the %zu images; their scores are not those of "
+                      "held-out images",
+                      located->run, images.trained, images.count);
+    return images;
+}
+
+static void print_means(const evaluator *evaluation, const image_choice *images,
+                        const split_score *mean)
+{
+    const size_t trained = images->trained;
+    char *kind =
+        !trained && images->split == SGS_SPLIT_TEST ? format_text("held out")
+        : images->split == SGS_SPLIT_TRAIN && trained == images->count
+            ? format_text("training images")
+            : format_text("%zu training images, %zu held out", trained, images->count - trained);
     char sharpness[SHARPNESS_TEXT];
     print_row(evaluation, "mean", &mean->mean);
     printf("PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s", mean->mean.psnr, mean->mean.ssim,
@@ -191,20 +214,16 @@ static void print_means(const evaluator *evaluation, sgs_split split, const spli
     free(kind);
 }
 
-static bool print_scores_json(const evaluator *evaluation, sgs_split split, const split_score *mean,
-                              const model_size *size, json_t *list)
+static bool print_scores_json(const evaluator *evaluation, const image_choice *images,
+                              const split_score *mean, const model_size *size, json_t *list)
 {
-    const sgs_scene *scene = evaluation->scene;
     static const char *const names[] = {
         [SGS_SPLIT_TEST] = "test", [SGS_SPLIT_TRAIN] = "train", [SGS_SPLIT_ALL] = "all"};
-    const size_t held_out = scene_split_count(scene, SGS_SPLIT_TEST);
     json_t *root = json_result_new();
     json_object_set_new(root, "gaussians", json_integer((json_int_t)size->gaussians));
     json_object_set_new(root, "bytes", json_integer((json_int_t)size->bytes));
-    json_object_set_new(root, "split", json_string(names[split]));
-    json_object_set_new(
-        root, "training_images",
-        json_integer(split == SGS_SPLIT_TEST ? 0 : (json_int_t)(scene->view_count - held_out)));
+    json_object_set_new(root, "split", json_string(names[images->split]));
+    json_object_set_new(root, "training_images", json_integer((json_int_t)images->trained));
     if (evaluation->lpips) {
         json_object_set_new(root, "lpips_network",
                             json_string(sgs_lpips_network(evaluation->lpips)));
@@ -220,9 +239,10 @@ static bool print_scores_json(const evaluator *evaluation, sgs_split split, cons
     return print_json(root);
 }
 
-static bool evaluate_all(const evaluator *evaluation, sgs_split split, const char *save,
+static bool evaluate_all(const evaluator *evaluation, const image_choice *images, const char *save,
                          const model_size *size, bool json)
 {
+    const sgs_split split = images->split;
     json_t *list = json ? json_array() : NULL;
     split_score sum = {0};
     const sgs_view *views = evaluation->scene->views;
@@ -249,6 +269,11 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
             done = evaluate_one(evaluation, v, save ? &folder : NULL, list, &sum);
     file_stems_free(stems, count);
     if (!done || interrupt_signal()) {
+        if (json_array_size(list)) { // the scores so far
+            json_t *root = json_result_new();
+            json_object_set(root, "images", list);
+            json_result_set(root);
+        }
         json_decref(list);
         return done;
     }
@@ -260,8 +285,8 @@ static bool evaluate_all(const evaluator *evaluation, sgs_split split, const cha
     }
     split_score_finish(&sum);
     if (json)
-        return print_scores_json(evaluation, split, &sum, size, list);
-    print_means(evaluation, split, &sum);
+        return print_scores_json(evaluation, images, &sum, size, list);
+    print_means(evaluation, images, &sum);
     return true;
 }
 
@@ -341,7 +366,8 @@ static int evaluate_model(const command_line *line, const model_path *located,
     evaluation.exposures = exposures;
     evaluation.lpips = lpips;
     evaluation.lpips_input = (sgs_lpips_input)values->lpips_input;
-    done = done && evaluate_all(&evaluation, split, values->save, &size, json);
+    const image_choice images = choose_images(located, scene, split);
+    done = done && evaluate_all(&evaluation, &images, values->save, &size, json);
     evaluator_close(&evaluation);
     sgs_gaussians_destroy(model);
     return done ? interrupt_status() : EXIT_FAILED;

@@ -298,6 +298,10 @@ int command_merge(int argc, char **argv)
     if (!values.output)
         return fail_usage("merge requires an output folder, -o OUT; usage: sparegs merge %s",
                           spec.synopsis);
+    if (!values.seam_images)
+        status = refuse_idle(&call.line, "seam-reference", "with --seam-images 0");
+    if (status >= 0)
+        return status;
     interrupt_watch();
     status = merge(&m, &call.line);
     sgs_scene_destroy(m.scene);

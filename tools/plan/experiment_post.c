@@ -403,7 +403,13 @@ bool post_plan_read(const char *plan_path, const json_t *root, post_plan *post)
             break;
         const post_kind *kind = kind_of(step);
         json_t *options = json_object_get(step, kind->name);
-        const char *given = json_string_value(json_object_get(step, "name"));
+        const json_t *label = json_object_get(step, "name");
+        if (label && !json_is_string(label)) {
+            fail_run("%s: post: the name of step %zu must be a text", plan_path, k + 1);
+            good = false;
+            break;
+        }
+        const char *given = json_string_value(label);
         char *name = given ? format_text("%s", given)
                            : format_text("%s-%s", kind->name,
                                          json_string_value(json_object_get(options, "method")));

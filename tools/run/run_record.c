@@ -12,6 +12,7 @@
 #include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/shared_options.h"
 
 void run_record_split(json_t *config, const sgs_scene *scene)
 {
@@ -95,6 +96,49 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene)
                       "different scenes unless the model was transformed",
                       scene->path, same, scene->view_count, folder);
     json_decref(cameras);
+}
+
+// Sets used[v] to `value` for the views that the list names; members NULL: the elements are names.
+static bool mark_views(const sgs_scene *scene, const json_t *list, const char *member, bool *used,
+                       bool value)
+{
+    const size_t count = json_array_size(list);
+    const char **names = malloc((count + 1) * sizeof *names);
+    ptrdiff_t *views = malloc((count + 1) * sizeof *views);
+    const bool done = names && views;
+    for (size_t k = 0; done && k < count; ++k) {
+        const json_t *element = json_array_get(list, k);
+        names[k] = json_string_value(member ? json_object_get(element, member) : element);
+    }
+    if (done)
+        sgs_scene_find_recorded(scene, names, count, views);
+    for (size_t k = 0; done && k < count; ++k)
+        if (views[k] >= 0)
+            used[views[k]] = value;
+    free(names);
+    free(views);
+    return done;
+}
+
+ptrdiff_t run_record_trained(const char *folder, const json_t *config, const sgs_scene *scene,
+                             sgs_split split)
+{
+    char *path = format_text("%s/cameras.json", folder);
+    json_t *cameras = load_json(path, 0, NULL);
+    const json_t *held_out = json_object_get(config, "test_images");
+    bool *used = calloc(scene->view_count + 1, sizeof *used);
+    ptrdiff_t trained = -1;
+    if (used && json_array_size(cameras) && json_is_array(held_out) &&
+        mark_views(scene, cameras, "img_name", used, true) &&
+        mark_views(scene, held_out, NULL, used, false)) {
+        trained = 0;
+        for (size_t v = 0; v < scene->view_count; ++v)
+            trained += view_in_split(&scene->views[v], split) && used[v];
+    }
+    free(used);
+    free(path);
+    json_decref(cameras);
+    return trained;
 }
 
 bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now)

@@ -27,6 +27,11 @@ bool run_record_split_agrees(const char *config_path, const json_t *config, cons
 // camera in OUT/cameras.json, or none.
 void run_record_check_scene(const char *folder, const sgs_scene *scene);
 
+// Number of views of the split that the run in `folder` was trained on: those in its cameras.json
+// that its config does not name as held out. -1 if the run recorded neither list.
+ptrdiff_t run_record_trained(const char *folder, const json_t *config, const sgs_scene *scene,
+                             sgs_split split);
+
 // True if a run with --region continues with the initial model that it started from, or the run has
 // no region; otherwise prints the error.
 bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now);

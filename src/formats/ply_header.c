@@ -339,11 +339,15 @@ static sgs_status parse_property(const char *path, const header_line *line, sgsi
     return SGS_STATUS_OK;
 }
 
-// Comments that mark a model as antialiased, in two spellings, or describe its colours; the last
-// one counts.
+// Comments that mark a model as antialiased, in three spellings, or describe its colours; the last
+// one counts. Brush writes SplatRenderMode, Postshot the two others, that with = since version 1.
 static void parse_comment(const char *text, sgsi_ply_header *header)
 {
     char key[32], value[32];
+    if (sscanf(text, "comment postshot.anti_aliasing=%31s", value) == 1) {
+        header->antialiased = !strcmp(value, "1");
+        return;
+    }
     if (sscanf(text, "comment %31s %31s", key, value) != 2)
         return;
     if (!strcasecmp(key, "SplatRenderMode:"))

@@ -55,7 +55,8 @@ typedef struct sgsi_ply_element {
 
 typedef struct sgsi_ply_header {
     sgsi_ply_format format;
-    // A comment "SplatRenderMode: mip" or "antialiased 1": trained with Mip-Splatting's filters.
+    // A comment "SplatRenderMode: mip", "antialiased 1" or "postshot.anti_aliasing=1": trained with
+    // Mip-Splatting's filters.
     bool antialiased;
     sgs_model_colors colors; // of comments, see color_marks.h
     int element_count, property_count;

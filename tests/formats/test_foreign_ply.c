@@ -35,6 +35,13 @@ static void ply_is_read_with_its_filter_and_mark(void **state)
                  {"comment antialiased 1\n", true},
                  {"comment antialiased 0\n", false},
                  {"comment antialiased 10\n", false},
+                 {"comment Postshot v1.0.0\ncomment postshot.anti_aliasing=1\n", true},
+                 {"comment postshot.anti_aliasing=0\n", false},
+                 {"comment postshot.anti_aliasing=1\ncomment SplatRenderMode: default\n", false},
+                 {"comment SplatRenderMode: default\ncomment postshot.anti_aliasing=1\n", true},
+                 {"comment antialiased 1\ncomment postshot.anti_aliasing=0\n", false},
+                 {"comment postshot.anti_aliasing=10\n", false},
+                 {"comment no postshot.anti_aliasing=1\n", false},
                  {"comment not SplatRenderMode: mip\n", false}};
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model;

@@ -61,6 +61,9 @@ void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
     bool usable = true;
     if (isinf(*logit))
         *logit = *logit > 0.0f ? OPAQUE_LOGIT : -OPAQUE_LOGIT;
+    for (int k = 0; k < 3; ++k) // 0 in linear scale: a disc or line
+        if (params[SGS_PARAM_SCALE + k] == -INFINITY)
+            params[SGS_PARAM_SCALE + k] = LEAST_LOG_SCALE;
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
         usable = usable && isfinite(params[k]);
     for (int k = 0; k < 3; ++k)

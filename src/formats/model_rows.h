@@ -39,8 +39,8 @@ sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int 
 sgs_status sgsi_rows_expect(sgsi_rows *rows, size_t added, size_t most);
 
 // Adds a row unless it has unusable values: not finite, or scales whose squares exceed float.
-// Infinite logits become finite. A zero quaternion becomes the identity (or the row is dropped),
-// one whose square leaves the range of float is normalised.
+// Infinite logits and log scales of -infinity become finite. A zero quaternion becomes the identity
+// (or the row is dropped), one whose square leaves the range of float is normalised.
 void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT]);
 
 // Warns about dropped and changed rows.

@@ -92,6 +92,7 @@ typedef struct ply_reader {
     int sh_degree;
     locale_t c_locale; // decimal point of ascii bodies, independent of the locale
     bool fuse_filter, has_filter;
+    bool is_flat; // a model of 2DGS, without scale_2
     sgsi_rows rows;
 } ply_reader;
 
@@ -137,7 +138,10 @@ static sgs_status map_columns(ply_reader *reader)
                              reader->stream.path, property->name);
         rest += !strncmp(property->name, "f_rest_", 7);
     }
+    reader->is_flat = find_property(reader, "scale_1") >= 0 && find_property(reader, "scale_2") < 0;
     for (int k = 0; k < REQUIRED_COUNT; ++k) {
+        if (reader->is_flat && required[k].param == SGS_PARAM_SCALE + 2)
+            continue;
         const sgs_status status = add_column(reader, required[k].name, required[k].param);
         if (status)
             return status;
@@ -158,6 +162,10 @@ static sgs_status map_columns(ply_reader *reader)
         if (status)
             return status;
     }
+    if (reader->is_flat)
+        sgsi_warn("%s: has no property 'scale_2', like models of 2DGS; its primitives are read as "
+                  "flat discs",
+                  reader->stream.path);
     reader->has_filter = reader->fuse_filter && find_property(reader, "filter_3D") >= 0;
     return reader->has_filter ? add_column(reader, "filter_3D", PARAM_FILTER_3D) : SGS_STATUS_OK;
 }
@@ -218,6 +226,8 @@ static sgs_status read_rows(ply_reader *reader, size_t first, size_t last)
                                       : read_binary_row(reader, row_size, params);
         if (status)
             return status;
+        if (reader->is_flat)
+            params[SGS_PARAM_SCALE + 2] = -INFINITY;
         if (reader->has_filter)
             sgsi_filter_3d_fuse(params, (double)params[PARAM_FILTER_3D]);
         sgsi_rows_add(&reader->rows, params);

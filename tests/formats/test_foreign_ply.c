@@ -73,10 +73,80 @@ static void ply_is_read_with_its_filter_and_mark(void **state)
     temp_folder_remove(&folder);
 }
 
+static char warnings[512];
+
+static void keep_warning(void *user, const char *message)
+{
+    (void)user;
+    snprintf(warnings + strlen(warnings), sizeof warnings - strlen(warnings), "%s\n", message);
+}
+
+// Reads a.ply of the folder; its warnings are in `warnings`.
+static sgs_gaussians *read_text(const temp_folder *folder, const char *text)
+{
+    sgs_gaussians *model;
+    file_put(temp_path(folder, "a.ply"), text, strlen(text));
+    warnings[0] = 0;
+    sgs_warning_handler_set(keep_warning, NULL);
+    const sgs_status status = sgs_model_read(temp_path(folder, "a.ply"), NULL, &model, NULL);
+    sgs_warning_handler_set(NULL, NULL);
+    if (status)
+        fail_msg("%s", sgs_last_error());
+    return model;
+}
+
+#define UP_TO_SCALE                                                                                \
+    "property float x\nproperty float y\nproperty float z\n"                                       \
+    "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float "         \
+    "opacity\n"                                                                                    \
+    "property float scale_0\nproperty float scale_1\n"
+#define ROTATION                                                                                   \
+    "property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\n"
+
+// splat-transform writes a scale of 0 as ln 0, and a third one to models of 2DGS.
+static void flat_primitives_are_kept(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model =
+        read_text(&folder, "ply\nformat ascii 1.0\nelement vertex 4\n" UP_TO_SCALE
+                           "property float scale_2\n" ROTATION "end_header\n"
+                           "1 2 3 0 0 0 0 -1 -2 -inf 1 0 0 0\n"
+                           "4 5 6 0 0 0 0 -inf -2 -inf 1 0 0 0\n"
+                           "7 8 9 0 0 0 0 inf -2 -1 1 0 0 0\n"
+                           "7 8 9 0 0 0 0 nan -2 -1 1 0 0 0\n");
+    assert_int_equal(model->count, 2);
+    expect_row(model, 0, SGS_PARAM_SCALE, 3, (double[]){-1, -2, -30});
+    expect_row(model, 1, SGS_PARAM_SCALE, 3, (double[]){-30, -2, -30});
+    assert_non_null(strstr(warnings, "a.ply: 2 of 4 primitives are not finite and were dropped"));
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+static void a_model_of_2dgs_has_discs(void **state)
+{
+    (void)state;
+    static const char text[] = "ply\nformat ascii 1.0\ncomment SplatRenderMode: 2dgs\n"
+                               "element vertex 2\n" UP_TO_SCALE ROTATION "end_header\n"
+                               "1 2 3 0 0 0 0 -1 -2 0.5 0.5 0.5 0.5\n"
+                               "4 5 6 0 0 0 0 -3 -4 1 0 0 0\n";
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = read_text(&folder, text);
+    assert_int_equal(model->count, 2);
+    expect_row(model, 0, SGS_PARAM_SCALE, 3, (double[]){-1, -2, -30});
+    expect_row(model, 0, SGS_PARAM_ROTATION, 4, (double[]){0.5, 0.5, 0.5, 0.5});
+    expect_row(model, 1, SGS_PARAM_SCALE, 3, (double[]){-3, -4, -30});
+    assert_non_null(strstr(warnings, "a.ply: has no property 'scale_2', like models of 2DGS"));
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ply_is_read_with_its_filter_and_mark),
+        cmocka_unit_test(flat_primitives_are_kept),
+        cmocka_unit_test(a_model_of_2dgs_has_discs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,7 +11,9 @@
 //     shN_centroids     the palette, 64 entries per row, a pixel per coefficient, as codebook
 //     indices
 //
-// Version 1 has bounds per channel instead of codebooks, and opacity logits.
+// Version 1 has bounds per channel instead of codebooks, and opacity logits. The mark of
+// antialiasing is "antialias": true in the specification, "model": "antialiased" in files of
+// splat-transform.
 
 #include "formats/sog.h"
 
@@ -145,7 +147,8 @@ static sgs_status read_meta(sog_reader *reader, const json_t *meta)
     if (!json_is_integer(count) || json_integer_value(count) < 1)
         return fail_meta(reader->path, "the number of primitives");
     sog->count = (size_t)json_integer_value(count);
-    sog->antialiased = json_is_string(kind) && !strncmp(json_string_value(kind), "antialias", 9);
+    sog->antialiased = json_is_true(json_object_get(meta, "antialias")) ||
+                       (json_is_string(kind) && !strncmp(json_string_value(kind), "antialias", 9));
     if (!read_names(reader, means, SGSI_SOG_MEANS_LOW, 2) ||
         !read_numbers(json_object_get(means, "mins"), 0, 3, sog->means_low) ||
         !read_numbers(json_object_get(means, "maxs"), 0, 3, sog->means_high))

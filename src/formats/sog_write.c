@@ -244,8 +244,10 @@ static sgs_status write_meta(const sog_writer *writer, sgsi_archive_file *file)
     json_object_set_new(meta, "version", json_integer(2));
     json_object_set_new(meta, "asset", json_pack("{s:s}", "generator", "sparegs " SGS_VERSION));
     json_object_set_new(meta, "count", json_integer((json_int_t)writer->count));
-    if (writer->antialiased)
+    if (writer->antialiased) { // of the specification, and of splat-transform
+        json_object_set_new(meta, "antialias", json_true());
         json_object_set_new(meta, "model", json_string("antialiased"));
+    }
     json_object_set_new(means, "mins", numbers(writer->means_low, 3));
     json_object_set_new(means, "maxs", numbers(writer->means_high, 3));
     json_object_set_new(meta, "means", means);

@@ -417,6 +417,47 @@ static void contains(const char *text, const char *part)
         fail_msg("'%s' is not in: %s", part, text);
 }
 
+// The specification has "antialias", splat-transform writes "model".
+static void sog_marks_of_antialiasing_are_read_and_written(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *members;
+        bool antialiased;
+    } cases[] = {{"", false},
+                 {"\"antialias\":true,", true},
+                 {"\"antialias\":false,", false},
+                 {"\"antialias\":null,\"model\":\"default\",", false},
+                 {"\"model\":\"antialiased\",", true},
+                 {"\"antialias\":true,\"model\":\"antialiased\",", true}};
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(3, 0);
+    sgs_model_write_options options = sgs_model_write_options_default();
+    size_t size;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "meta.json"), model, &options, NULL),
+                     SGS_STATUS_OK);
+    char *text = (char *)file_get(temp_path(&folder, "meta.json"), &size);
+    assert_true(!strstr(text, "\"antialias") && !strstr(text, "\"model\""));
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        bytes changed = {.size = 0};
+        sgs_model_info info;
+        put_text(&changed, "{%s%s", cases[k].members, text + 1);
+        sgs_gaussians *back = read_bytes(&folder, "meta.json", &changed, &info);
+        assert_int_equal(info.antialiased, cases[k].antialiased);
+        sgs_gaussians_destroy(back);
+    }
+    free(text);
+    options.antialiased = true;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "meta.json"), model, &options, NULL),
+                     SGS_STATUS_OK);
+    text = (char *)file_get(temp_path(&folder, "meta.json"), &size);
+    contains(text, "\"antialias\":true");
+    contains(text, "\"model\":\"antialiased\"");
+    free(text);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 static void usda_has_the_attributes_of_the_schema(void **state)
 {
     (void)state;
@@ -490,6 +531,7 @@ int main(void)
         cmocka_unit_test(glb_is_read_beside_nodes_of_other_kinds),
         cmocka_unit_test(compressed_glb_is_refused),
         cmocka_unit_test(sog_is_read),
+        cmocka_unit_test(sog_marks_of_antialiasing_are_read_and_written),
         cmocka_unit_test(usda_has_the_attributes_of_the_schema),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

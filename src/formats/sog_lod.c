@@ -3,7 +3,7 @@
 
 // SOG with levels of detail: lod-meta.json and a folder with a SOG model per unit. The tree of
 // lod-meta.json divides space; a leaf names, for each level, a range of rows of a unit. Level 0 is
-// the finest.
+// the finest. An environment, a SOG model of the sky or distant objects, belongs to every level.
 //
 // Written levels are nested: level k holds the most important half of the primitives of level k
 // - 1. Nodes are split at the median of their longest side while they have more than 512 k
@@ -129,8 +129,9 @@ static sgs_status read_manifest(lod_reader *reader, int *levels)
     if (reader->level < 0 || reader->level >= *levels)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: has no level of detail %d; it has %d",
                          reader->path, reader->level, *levels);
-    if (json_is_string(json_object_get(reader->root, "environment")))
-        sgsi_warn("%s: its environment is not read", reader->path);
+    const json_t *environment = json_object_get(reader->root, "environment");
+    if (environment && !json_is_null(environment) && !json_is_string(environment))
+        return fail_lod(reader, "'environment'");
     return visit_node(reader, json_object_get(reader->root, "tree"), 0);
 }
 
@@ -159,20 +160,30 @@ static size_t group_size(const lod_reader *reader, size_t first, size_t *rows)
     return end - first;
 }
 
+static bool leaves_folder(const char *name)
+{
+    return *name == '/' || strstr(name, "..") || strchr(name, '\\') || strchr(name, '\n');
+}
+
+static sgs_status path_of(const lod_reader *reader, const char *name, char **path)
+{
+    *path = sgsi_format("%s/%s", reader->folder, name);
+    return *path ? SGS_STATUS_OK
+                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                             reader->path);
+}
+
 static sgs_status unit_path(const lod_reader *reader, size_t file, char **path)
 {
     const char *name =
         json_string_value(json_array_get(json_object_get(reader->root, "filenames"), file));
     *path = NULL;
-    if (!name || *name == '/' || strstr(name, "..") || strchr(name, '\\') || strchr(name, '\n'))
+    if (!name || leaves_folder(name))
         return sgsi_fail(
             SGS_STATUS_FORMAT,
             "%s: lod-meta.json: the name of SOG file %zu is missing or leaves the folder",
             reader->path, file);
-    *path = sgsi_format("%s/%s", reader->folder, name);
-    return *path ? SGS_STATUS_OK
-                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
-                             reader->path);
+    return path_of(reader, name, path);
 }
 
 // ---- Units that are one file ----
@@ -272,33 +283,43 @@ static size_t row_limit(size_t bytes)
     return 4 * bytes + (1 << 16);
 }
 
-// `needed` rows of the unit of `count` ranges, in the order of the tree.
-static sgs_status read_unit(lod_reader *reader, const lod_range *ranges, size_t count,
-                            size_t needed, sgsi_rows *rows, sgs_model_info *info)
+// Opens a unit of `needed` rows, or of any number if that is SIZE_MAX, and makes room for them.
+static sgs_status open_unit(const lod_reader *reader, const char *path, size_t file, size_t *needed,
+                            sgsi_sog *sog, sgsi_rows *rows, const sgs_model_info *info)
 {
-    const size_t file = ranges->file;
-    char *path;
-    sgs_status status = unit_path(reader, file, &path);
-    sgsi_sog *sog = status ? NULL : sgsi_calloc(1, sizeof *sog);
-    if (!status)
-        status = sog ? sgsi_sog_open(sog, path)
-                     : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
-                                 reader->path);
-    if (!status && needed > sog->count)
-        status =
-            sgsi_fail(SGS_STATUS_FORMAT,
-                      "%s: lod-meta.json: the tree names %zu primitives of SOG file %zu, which has "
-                      "%zu",
-                      reader->path, needed, file, sog->count);
-    if (!status && rows->total + needed > row_limit(info->file_bytes + sog->bytes))
-        status = sgsi_fail(
+    const sgs_status status = sgsi_sog_open(sog, path);
+    if (status)
+        return status;
+    if (*needed == SIZE_MAX)
+        *needed = sog->count;
+    if (*needed > sog->count)
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: lod-meta.json: the tree names %zu primitives of SOG file %zu, which has %zu",
+            reader->path, *needed, file, sog->count);
+    const size_t total = rows->total + *needed, bytes = info->file_bytes + sog->bytes;
+    if (total > row_limit(bytes))
+        return sgsi_fail(
             SGS_STATUS_LIMIT,
             "%s: lod-meta.json: %zu primitives are more than %zu bytes of SOG files can hold",
-            reader->path, rows->total + needed, info->file_bytes + sog->bytes);
-    if (!status)
-        status = sgsi_rows_expect(rows, needed, reader->total);
-    for (size_t k = 0; !status && k < count; ++k)
-        status = add_range(reader, &ranges[k], sog, rows);
+            reader->path, total, bytes);
+    return sgsi_rows_expect(rows, *needed, total > reader->total ? total : reader->total);
+}
+
+// Adds the rows of `count` ranges, in the order of the tree, `needed` together. Without ranges: all
+// rows.
+static sgs_status read_unit(const lod_reader *reader, const char *path, const lod_range *ranges,
+                            size_t count, size_t needed, sgsi_rows *rows, sgs_model_info *info)
+{
+    sgsi_sog *sog = sgsi_calloc(1, sizeof *sog);
+    if (!sog)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                         reader->path);
+    sgs_status status =
+        open_unit(reader, path, ranges ? ranges->file : 0, &needed, sog, rows, info);
+    const lod_range whole = {.count = needed};
+    for (size_t k = 0; !status && k < (ranges ? count : 1); ++k)
+        status = add_range(reader, ranges ? &ranges[k] : &whole, sog, rows);
     if (!status) {
         rows->model->sh_degree =
             sog->sh_degree > rows->model->sh_degree ? sog->sh_degree : rows->model->sh_degree;
@@ -306,10 +327,8 @@ static sgs_status read_unit(lod_reader *reader, const lod_range *ranges, size_t 
         info->version = sog->version;
         info->file_bytes += sog->bytes;
     }
-    if (sog)
-        sgsi_sog_close(sog);
+    sgsi_sog_close(sog);
     sgsi_free(sog);
-    sgsi_free(path);
     return status;
 }
 
@@ -325,10 +344,32 @@ static sgs_status read_units(lod_reader *reader, sgsi_rows *rows, sgs_model_info
     sort_ranges(reader);
     sgs_status status = merge_units(reader);
     for (size_t k = 0, count, needed; !status && k < reader->range_count; k += count) {
+        char *path = NULL;
         count = group_size(reader, k, &needed);
         if (needed)
-            status = read_unit(reader, reader->ranges + k, count, needed, rows, info);
+            status = unit_path(reader, reader->ranges[k].file, &path);
+        if (path)
+            status = read_unit(reader, path, reader->ranges + k, count, needed, rows, info);
+        sgsi_free(path);
     }
+    return status;
+}
+
+// Viewers show the environment with every level.
+static sgs_status read_environment(const lod_reader *reader, sgsi_rows *rows, sgs_model_info *info)
+{
+    const char *name = json_string_value(json_object_get(reader->root, "environment"));
+    char *path;
+    if (!name || !*name)
+        return SGS_STATUS_OK;
+    if (leaves_folder(name))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: lod-meta.json: the name of 'environment' leaves the folder",
+                         reader->path);
+    sgs_status status = path_of(reader, name, &path);
+    if (!status)
+        status = read_unit(reader, path, NULL, 0, SIZE_MAX, rows, info);
+    sgsi_free(path);
     return status;
 }
 
@@ -344,6 +385,8 @@ sgs_status sgsi_lod_sog_read(const char *path, const sgs_model_read_options *opt
         status = sgsi_rows_begin(&rows, path, 0, 0, options->drop_unrotated);
     if (!status)
         status = read_units(&reader, &rows, info);
+    if (!status)
+        status = read_environment(&reader, &rows, info);
     info->dropped = rows.dropped;
     json_decref(reader.root);
     sgsi_free(reader.ranges);
@@ -533,9 +576,9 @@ static sgs_status write_manifest(lod_writer *writer, json_t *tree)
         total += writer->counts[level];
     }
     json_t *root =
-        json_pack("{s:i,s:{s:s},s:I,s:O,s:i,s:n,s:O,s:O}", "version", 1, "asset", "generator",
+        json_pack("{s:i,s:{s:s},s:I,s:O,s:i,s:O,s:O}", "version", 1, "asset", "generator",
                   "sparegs " SGS_VERSION, "count", (json_int_t)total, "counts", counts, "lodLevels",
-                  writer->levels, "environment", "filenames", writer->names, "tree", tree);
+                  writer->levels, "filenames", writer->names, "tree", tree);
     json_decref(counts);
     char *text = json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(JSON_DIGITS));
     json_decref(root);

@@ -373,6 +373,10 @@ static void tiny_units_are_bounded_together(void **state)
                  RANGE(0, 0, 60000) "," RANGE(1, 0, 60000));
     refuse(temp_path(&folder, "lod-meta.json"), SGS_STATUS_LIMIT,
            "120000 primitives are more than");
+    put_manifest(&folder, "\"u/meta.json\"],\"environment\":\"v/meta.json\",\"others\":[",
+                 RANGE(0, 0, 60000));
+    refuse(temp_path(&folder, "lod-meta.json"), SGS_STATUS_LIMIT,
+           "120000 primitives are more than");
     sgsi_free(texture.bytes);
     free(image.rgba);
     tree_remove(&folder);
@@ -411,7 +415,7 @@ static void long_manifests_take_linear_time(void **state)
     tree_remove(&folder);
 }
 
-// The n-th allocation fails, for every n, while two units are read.
+// The n-th allocation fails, for every n, while two units and an environment are read.
 static void units_survive_lack_of_memory(void **state)
 {
     (void)state;
@@ -421,8 +425,10 @@ static void units_survive_lack_of_memory(void **state)
     sgs_model_write_options options = sgs_model_write_options_default();
     options.lod_levels = 2;
     assert_int_equal(sgs_model_write(path, model, &options, NULL), SGS_STATUS_OK);
-    put_manifest(&folder, "\"0_0/meta.json\",\"1_0/meta.json\"",
-                 RANGE(1, 0, 40) "," RANGE(0, 0, 80));
+    put_manifest(
+        &folder,
+        "\"0_0/meta.json\",\"1_0/meta.json\"],\"environment\":\"1_0/meta.json\",\"others\":[",
+        RANGE(1, 0, 40) "," RANGE(0, 0, 80));
     sgs_status status = SGS_STATUS_OUT_OF_MEMORY;
     for (size_t n = 1; status; ++n) {
         sgsi_fail_allocation(n);
@@ -433,7 +439,7 @@ static void units_survive_lack_of_memory(void **state)
             fail_msg("allocation %zu: %s", n, sgs_last_error());
         assert_true(n < 500);
     }
-    assert_int_equal(back->count, 120);
+    assert_int_equal(back->count, 160);
     sgs_gaussians_destroy(back);
     sgs_gaussians_destroy(model);
     tree_remove(&folder);

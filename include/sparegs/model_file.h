@@ -50,10 +50,22 @@ SGS_API bool sgs_model_format_marks_filter(sgs_model_format format);
 // The same for the space and the white point of the colours (sgs_model_info.colors).
 SGS_API bool sgs_model_format_marks_colors(sgs_model_format format);
 
+// Directions of x, y and z: left or right, down or up, back or front.
 typedef enum sgs_spz_axes {
-    SGS_SPZ_AXES_RUB, // x right, y up, z back: the SPZ specification
+    SGS_SPZ_AXES_RUB, // the SPZ specification
     SGS_SPZ_AXES_RDF, // the axes of the PLY, as some exporters write them
-    SGS_SPZ_AXES_LUF  // x left, y up, z front: those of glTF
+    SGS_SPZ_AXES_LUF, // those of glTF
+    // The others are read, but not written.
+    SGS_SPZ_AXES_LDB,
+    SGS_SPZ_AXES_RDB,
+    SGS_SPZ_AXES_LUB,
+    SGS_SPZ_AXES_LDF,
+    SGS_SPZ_AXES_RUF, // those of Unity
+    SGS_SPZ_AXES_LFU,
+    SGS_SPZ_AXES_RFU, // those of Blender
+    SGS_SPZ_AXES_LBD,
+    SGS_SPZ_AXES_RBD,
+    SGS_SPZ_AXES_COUNT
 } sgs_spz_axes;
 
 typedef struct sgs_model_read_options {
@@ -98,10 +110,10 @@ typedef struct sgs_model_camera {
 } sgs_model_camera;
 
 typedef struct sgs_model_write_options {
-    size_t struct_size; // set by sgs_model_write_options_default
-    bool antialiased;   // recorded if the format can record it
-    int spz_version;    // 3 (gzip) or 4 (Zstandard)
-    sgs_spz_axes spz_axes;
+    size_t struct_size;      // set by sgs_model_write_options_default
+    bool antialiased;        // recorded if the format can record it
+    int spz_version;         // 3 (gzip) or 4 (Zstandard)
+    sgs_spz_axes spz_axes;   // RUB, RDF or LUF
     int ksplat_level;        // 0: floats; 1: 16 bits; 2: 8 bits for SH
     int sh_palette;          // entries of SOG's SH palette, 1 to 65536; 0: by the count
     int palette_iterations;  // of k-means for the palette, >= 1

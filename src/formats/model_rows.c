@@ -163,45 +163,41 @@ double sgsi_splat_importance(const sgs_gaussians *model, size_t i)
 
 // ---- Axes ----
 
-typedef struct axis_signs {
-    int8_t mean[3], rotation[4], rest[SGSI_REST_COEFFICIENTS];
-} axis_signs;
+// Axes in which the basis functions of degrees 1 to 3 are odd: y, z, x; xy, yz, 1, xz, 1; y, xyz,
+// y, z, x, z, x. The vector of a quaternion is a pseudovector: its x is odd in y and z.
+enum { X = 1, Y = 2, Z = 4 };
+static const uint8_t odd_mean[] = {X, Y, Z};
+static const uint8_t odd_rotation[] = {0, Y | Z, X | Z, X | Y};
+static const uint8_t odd_rest[SGSI_REST_COEFFICIENTS] = {Y, Z,         X, X | Y, Y | Z, 0, X | Z, 0,
+                                                         Y, X | Y | Z, Y, Z,     X,     Z, X};
 
-// The basis functions of degrees 1 to 3 are odd in y and z (RUB), or in x and y (LUF), where the
-// sign is -1.
-static const axis_signs signs[] = {
-    [SGSI_AXES_PLY] = {{1, 1, 1}, {1, 1, 1, 1}, {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}},
-    [SGSI_AXES_RUB] = {{1, -1, -1},
-                       {1, 1, -1, -1},
-                       {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1}},
-    [SGSI_AXES_LUF] = {{-1, -1, 1},
-                       {1, -1, -1, 1},
-                       {-1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1}},
-};
+static bool changes_sign(sgsi_axes axes, unsigned odd)
+{
+    return __builtin_parity((unsigned)axes & odd);
+}
 
 // Without -0, so that unused coefficients stay 0.
-static void flip(float *values, const int8_t *signs_of, int count, int repeat)
+static void flip(float *values, const uint8_t *odd, int count, int repeat, sgsi_axes axes)
 {
     for (int k = 0; k < count; ++k)
-        if (signs_of[k / repeat] < 0)
+        if (changes_sign(axes, odd[k / repeat]))
             values[k] = 0.0f - values[k];
 }
 
 void sgsi_change_axes(sgsi_axes axes, float params[SGS_PARAM_COUNT])
 {
-    const axis_signs *sign = &signs[axes];
-    flip(params + SGS_PARAM_MEAN, sign->mean, 3, 1);
-    flip(params + SGS_PARAM_ROTATION, sign->rotation, 4, 1);
-    flip(params + SGS_PARAM_SH_REST, sign->rest, 3 * SGSI_REST_COEFFICIENTS, 3);
+    flip(params + SGS_PARAM_MEAN, odd_mean, 3, 1, axes);
+    flip(params + SGS_PARAM_ROTATION, odd_rotation, 4, 1, axes);
+    flip(params + SGS_PARAM_SH_REST, odd_rest, 3 * SGSI_REST_COEFFICIENTS, 3, axes);
 }
 
 void sgsi_splat_change_axes(sgsi_axes axes, sgsi_splat *splat)
 {
-    const axis_signs *sign = &signs[axes];
-    flip(splat->mean, sign->mean, 3, 1);
-    flip(splat->rest, sign->rest, 3 * SGSI_REST_COEFFICIENTS, 3);
+    flip(splat->mean, odd_mean, 3, 1, axes);
+    flip(splat->rest, odd_rest, 3 * SGSI_REST_COEFFICIENTS, 3, axes);
     for (int k = 0; k < 4; ++k)
-        splat->rotation[k] = sign->rotation[k] < 0 ? 0.0 - splat->rotation[k] : splat->rotation[k];
+        if (changes_sign(axes, odd_rotation[k]))
+            splat->rotation[k] = 0.0 - splat->rotation[k];
 }
 
 // ---- binary16 ----

@@ -103,11 +103,12 @@ double sgsi_splat_importance(const sgs_gaussians *model, size_t i);
 // ---- Axes ----
 
 // PLY: x right, y down, z front. The other axes differ by signs only, so a change of axes is exact
-// and its own inverse.
+// and its own inverse. The values are sets of axes that change their signs: 1 is x, 2 y, 4 z.
 typedef enum sgsi_axes {
-    SGSI_AXES_PLY,
-    SGSI_AXES_RUB, // x right, y up, z back
-    SGSI_AXES_LUF  // x left, y up, z front
+    SGSI_AXES_PLY = 0,
+    SGSI_AXES_RUB = 2 | 4, // x right, y up, z back
+    SGSI_AXES_LUF = 1 | 2, // x left, y up, z front
+    SGSI_AXES_MOST = 7
 } sgsi_axes;
 
 void sgsi_change_axes(sgsi_axes axes, float params[SGS_PARAM_COUNT]);

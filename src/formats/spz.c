@@ -13,8 +13,8 @@
 //                component (2 bits) and three others with sign and 9 bits of 511 |q| sqrt(2)
 //
 // The specification stores x right, y up, z back. Some exporters write the axes of the PLY; the
-// extension record 0xADBE0003 names the axes. Written files use as many fractional bits as the
-// largest coordinate allows, so that no position wraps.
+// extension record 0xADBE0003 names the axes, also mirrored ones and those with z up. Written files
+// use as many fractional bits as the largest coordinate allows, so that no position wraps.
 //
 // Streams of equal bytes compress to almost nothing, so the size of a file bounds its count. Per
 // byte, a regular grid of 128 x 128 x 128 equal primitives has 0.6 primitives with gzip and 5 with
@@ -28,6 +28,7 @@
 #include "base/threads.h"
 #include "formats/model_rows.h"
 #include "formats/unpack.h"
+#include "model/similarity.h"
 #include "sparegs/output_file.h"
 
 enum {
@@ -37,10 +38,9 @@ enum {
     STREAM_COUNT = 6,
     FLAG_ANTIALIASED = 1,
     FLAG_EXTENSIONS = 2,
+    RECORD_HEADER_BYTES = 8, // of an extension record: type and size
     AXES_RECORD_BYTES = 12,
-    AXES_RUB = 4, // values of the record
-    AXES_RDF = 6,
-    AXES_LUF = 7,
+    AXES_RDF = 6, // a value of the record
     FRACTIONAL_BITS_MOST = 30,
     FRACTIONAL_BITS_WRITTEN = 20,
     COUNT_PER_BYTE = 4, // at most, versions 1 to 3
@@ -54,14 +54,15 @@ enum {
 
 static const uint32_t AXES_RECORD = 0xADBE0003;
 
-// By sgs_spz_axes.
-static const struct {
-    sgsi_axes axes;
-    uint32_t record;
-} axes_table[] = {[SGS_SPZ_AXES_RUB] = {SGSI_AXES_RUB, AXES_RUB},
-                  [SGS_SPZ_AXES_RDF] = {SGSI_AXES_PLY, AXES_RDF},
-                  [SGS_SPZ_AXES_LUF] = {SGSI_AXES_LUF, AXES_LUF}};
-enum { AXES_COUNT = sizeof axes_table / sizeof *axes_table };
+// Values of the record. Minus 1, bit 0 is x right, bit 1 y up, bit 2 z front; with bit 3, y is back
+// or front and z down or up. The axes of 9 (LFD), 10 (RFD), 15 (LBU) and 16 (RBU) are uncertain:
+// the library of nianticlabs/spz reads others than their names say.
+enum { AXES_TURNED = 8 };
+static const uint8_t axes_records[SGS_SPZ_AXES_COUNT] = {
+    [SGS_SPZ_AXES_LDB] = 1,  [SGS_SPZ_AXES_RDB] = 2,  [SGS_SPZ_AXES_LUB] = 3,
+    [SGS_SPZ_AXES_RUB] = 4,  [SGS_SPZ_AXES_LDF] = 5,  [SGS_SPZ_AXES_RDF] = AXES_RDF,
+    [SGS_SPZ_AXES_LUF] = 7,  [SGS_SPZ_AXES_RUF] = 8,  [SGS_SPZ_AXES_LFU] = 11,
+    [SGS_SPZ_AXES_RFU] = 12, [SGS_SPZ_AXES_LBD] = 13, [SGS_SPZ_AXES_RBD] = 14};
 
 static const double SQRT_HALF = 0.70710678118654752;
 static const double COORDINATE_MOST = 8388607.0; // without fractional bits
@@ -80,11 +81,18 @@ typedef struct spz_file {
     int sh_degree, sh_stored; // degree 4 is stored but not kept
     int fractional_bits, flags;
     sgs_spz_axes axes;
+    const sgsi_similarity *turn; // after the change of signs, or NULL
     const uint8_t *streams[STREAM_COUNT];
     uint8_t *owned[STREAM_COUNT]; // decompressed
     uint8_t *bytes;               // the file
     size_t size;
 } spz_file;
+
+// The axes that change their signs.
+static sgsi_axes axes_of(sgs_spz_axes axes)
+{
+    return (sgsi_axes)(((axes_records[axes] - 1) ^ (AXES_RDF - 1)) & SGSI_AXES_MOST);
+}
 
 static size_t row_bytes(const spz_file *file, int stream)
 {
@@ -141,27 +149,27 @@ static sgs_status read_fields(spz_file *file, const uint8_t *header)
 // Records of type, length and payload; the only known one names the axes.
 static sgs_status read_records(spz_file *file, const uint8_t *at, size_t left)
 {
-    while (file->flags & FLAG_EXTENSIONS && left >= 8) {
+    while (file->flags & FLAG_EXTENSIONS && left >= RECORD_HEADER_BYTES) {
         const uint32_t type = sgsi_load_u32(at), size = sgsi_load_u32(at + 4);
-        if (size > left - 8)
+        if (size > left - RECORD_HEADER_BYTES)
             return sgsi_fail(SGS_STATUS_FORMAT,
                              "%s: extension record 0x%08x has %u bytes, but only %zu are left",
-                             file->path, type, size, left - 8);
+                             file->path, type, size, left - RECORD_HEADER_BYTES);
         if (type == AXES_RECORD && size >= 4) {
-            const uint32_t axes = sgsi_load_u32(at + 8);
+            const uint32_t axes = sgsi_load_u32(at + RECORD_HEADER_BYTES);
             size_t known = 0;
-            while (known < AXES_COUNT && axes_table[known].record != axes)
+            while (known < SGS_SPZ_AXES_COUNT && axes_records[known] != axes)
                 ++known;
-            if (axes && known == AXES_COUNT)
+            if (axes && known == SGS_SPZ_AXES_COUNT)
                 return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                                 "%s: coordinate system %u is not supported; supported: RUB (4), "
-                                 "RDF (6) and LUF (7)",
+                                 "%s: coordinate system %u is not supported; export the model with "
+                                 "that of the SPZ specification, RUB (4)",
                                  file->path, axes);
             if (axes)
                 file->axes = (sgs_spz_axes)known;
         }
-        at += 8 + (size_t)size;
-        left -= 8 + (size_t)size;
+        at += RECORD_HEADER_BYTES + (size_t)size;
+        left -= RECORD_HEADER_BYTES + (size_t)size;
     }
     return SGS_STATUS_OK;
 }
@@ -296,7 +304,9 @@ static void decode_row(const spz_file *file, size_t i, float params[SGS_PARAM_CO
                  kept = 3 * (size_t)sgsi_rest_coefficients(file->sh_degree);
     for (size_t k = 0; k < kept; ++k)
         params[SGS_PARAM_SH_REST + k] = (float)(file->streams[5][stored * i + k] - 128) / 128.0f;
-    sgsi_change_axes(axes_table[file->axes].axes, params);
+    sgsi_change_axes(axes_of(file->axes), params);
+    if (file->turn)
+        sgsi_similarity_apply(file->turn, params);
 }
 
 sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options,
@@ -305,7 +315,7 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
     size_t size;
     sgsi_rows rows = {0};
     spz_file file = {.path = path, .axes = options->spz_axes};
-    if ((unsigned)file.axes >= AXES_COUNT)
+    if ((unsigned)file.axes >= SGS_SPZ_AXES_COUNT)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: spz_axes %d is unknown", path,
                          (int)file.axes);
     sgs_status status = sgsi_file_read(path, 0, &file.bytes, &size);
@@ -318,6 +328,11 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
         status = read_plain(&file, file.bytes, size); // not compressed
     else
         status = read_zstd(&file, size);
+    // From y front and z up to y up and z back: (x, y, z) to (x, z, -y).
+    const sgsi_similarity turn = sgsi_similarity_make(
+        1.0, (const double[]){SQRT_HALF, -SQRT_HALF, 0.0, 0.0}, (const double[]){0.0, 0.0, 0.0});
+    if (axes_records[file.axes] > AXES_TURNED)
+        file.turn = &turn;
     if (!status)
         status = sgsi_rows_begin(&rows, path, file.count, file.sh_degree, options->drop_unrotated);
     for (size_t i = 0; !status && i < file.count; ++i) {
@@ -478,7 +493,7 @@ static void put_axes_record(uint8_t *at, sgs_spz_axes axes)
 {
     sgsi_store_u32(at, AXES_RECORD);
     sgsi_store_u32(at + 4, 4);
-    sgsi_store_u32(at + 8, axes_table[axes].record);
+    sgsi_store_u32(at + 8, axes_records[axes]);
 }
 
 // Header, table and frames of version 4.
@@ -556,8 +571,9 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
                      .sh_stored = model->sh_degree,
                      .flags = (options->antialiased ? FLAG_ANTIALIASED : 0) |
                               (named ? FLAG_EXTENSIONS : 0)};
-    if ((unsigned)file.axes >= AXES_COUNT)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: spz_axes %d is unknown", path,
+    if ((unsigned)file.axes > SGS_SPZ_AXES_LUF)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: spz_axes %d cannot be written; use RUB, RDF or LUF", path,
                          (int)file.axes);
     sgs_status status = choose_fractional_bits(path, model, &file.fractional_bits);
     if (status)
@@ -579,7 +595,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
     }
     for (size_t i = 0; i < model->count; ++i) {
         sgsi_splat splat = sgsi_splat_get(model, i);
-        sgsi_splat_change_axes(axes_table[file.axes].axes, &splat);
+        sgsi_splat_change_axes(axes_of(file.axes), &splat);
         encode_row(&file, &splat, i, streams);
     }
     if (file.version == 4) {

@@ -181,12 +181,183 @@ static void spz_does_not_wrap(void **state)
     temp_folder_remove(&folder);
 }
 
+// ---- Coordinate systems ----
+
+// By the value of the record, after nianticlabs/spz: the directions of x, y and z. Its library
+// reads 9, 10, 15 and 16 with other axes than their names say; they are refused.
+static const char *const names[] = {"",    "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF",
+                                    "RUF", "",    "",    "LFU", "RFU", "LBD", "RBD"};
+static const sgs_spz_axes systems[] = {0,
+                                       SGS_SPZ_AXES_LDB,
+                                       SGS_SPZ_AXES_RDB,
+                                       SGS_SPZ_AXES_LUB,
+                                       SGS_SPZ_AXES_RUB,
+                                       SGS_SPZ_AXES_LDF,
+                                       SGS_SPZ_AXES_RDF,
+                                       SGS_SPZ_AXES_LUF,
+                                       SGS_SPZ_AXES_RUF,
+                                       0,
+                                       0,
+                                       SGS_SPZ_AXES_LFU,
+                                       SGS_SPZ_AXES_RFU,
+                                       SGS_SPZ_AXES_LBD,
+                                       SGS_SPZ_AXES_RBD};
+
+// Rows: right, down and front of the file's axes.
+static void to_ply(const char *name, double map[3][3])
+{
+    static const char positive[] = "RDF", negative[] = "LUB";
+    for (int k = 0; k < 3; ++k)
+        for (int j = 0; j < 3; ++j)
+            map[j][k] = (name[k] == positive[j]) - (name[k] == negative[j]);
+}
+
+static void multiply(const double map[3][3], const double v[3], double out[3])
+{
+    for (int j = 0; j < 3; ++j)
+        out[j] = map[j][0] * v[0] + map[j][1] * v[1] + map[j][2] * v[2];
+}
+
+static void covariance(const sgs_gaussians *model, double out[3][3])
+{
+    double q[4], r[3][3];
+    for (int k = 0; k < 4; ++k)
+        q[k] = (double)model_value(model, 0, SGS_PARAM_ROTATION + k);
+    const double w = q[0], x = q[1], y = q[2], z = q[3];
+    const double rotation[3][3] = {
+        {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
+        {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
+        {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
+    for (int j = 0; j < 3; ++j)
+        for (int k = 0; k < 3; ++k)
+            r[j][k] = rotation[j][k] * exp((double)model_value(model, 0, SGS_PARAM_SCALE + k));
+    for (int j = 0; j < 3; ++j)
+        for (int k = 0; k < 3; ++k)
+            out[j][k] = r[j][0] * r[k][0] + r[j][1] * r[k][1] + r[j][2] * r[k][2];
+}
+
+// Red of degrees 1 to 3 in a direction, with the basis functions of 3DGS.
+static double red(const sgs_gaussians *model, const double d[3])
+{
+    const double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
+    const double basis[15] = {-0.4886025119029199 * y,
+                              0.4886025119029199 * z,
+                              -0.4886025119029199 * x,
+                              1.0925484305920792 * x * y,
+                              -1.0925484305920792 * y * z,
+                              0.31539156525252005 * (2 * zz - xx - yy),
+                              -1.0925484305920792 * x * z,
+                              0.5462742152960396 * (xx - yy),
+                              -0.5900435899266435 * y * (3 * xx - yy),
+                              2.890611442640554 * x * y * z,
+                              -0.4570457994644658 * y * (4 * zz - xx - yy),
+                              0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
+                              -0.4570457994644658 * x * (4 * zz - xx - yy),
+                              1.445305721320277 * z * (xx - yy),
+                              -0.5900435899266435 * x * (xx - 3 * yy)};
+    double sum = 0;
+    for (int k = 0; k < 15; ++k)
+        sum += basis[k] * (double)model_value(model, 0, SGS_PARAM_SH_REST + 3 * k);
+    return sum;
+}
+
+// A primitive of SH degree 3 in axes of which the record has this value.
+static sgs_gaussians *read_system(const temp_folder *folder, unsigned record, sgs_model_info *info)
+{
+    bytes file = {.size = 0};
+    put_spz_header(&file, 3, 1, 3, 2);
+    for (int k = 0; k < 5; ++k)
+        put_spz_stream(&file, 3, k);
+    for (unsigned k = 0; k < 45; ++k)
+        put_u8(&file, 37 * k * k % 251);
+    put_u32(&file, 0xADBE0003);
+    put_u32(&file, 4);
+    put_u32(&file, record);
+    return read_bytes(folder, "a.spz", &file, info);
+}
+
+// Positions, shapes and colours are those that the letters name. A file in the axes of the PLY
+// holds the values as they are.
+static void spz_in_any_axes_is_read(void **state)
+{
+    (void)state;
+    static const double directions[][3] = {{1, 0, 0},      {0, 1, 0},         {0, 0, 1},
+                                           {0.6, 0, -0.8}, {0.48, 0.64, 0.6}, {-0.36, 0.48, -0.8}};
+    const temp_folder folder = temp_folder_make();
+    sgs_model_info info;
+    sgs_gaussians *raw = read_system(&folder, 6, &info);
+    double shape[3][3];
+    covariance(raw, shape);
+    for (unsigned record = 1; record < sizeof names / sizeof *names; ++record) {
+        if (!*names[record])
+            continue;
+        sgs_gaussians *model = read_system(&folder, record, &info);
+        double map[3][3], mean[3], turned[3], actual[3][3];
+        assert_int_equal(info.axes, systems[record]);
+        to_ply(names[record], map);
+        multiply(map, (const double[]){1, -2.5, 1.0 / 4096}, mean);
+        expect_row(model, 0, SGS_PARAM_MEAN, 3, mean);
+        covariance(model, actual);
+        for (int j = 0; j < 3; ++j)
+            for (int k = 0; k < 3; ++k) {
+                double sum = 0;
+                for (int m = 0; m < 9; ++m)
+                    sum += map[j][m / 3] * shape[m / 3][m % 3] * map[k][m % 3];
+                if (!(fabs(actual[j][k] - sum) <= 1e-6))
+                    fail_msg("%s: covariance %d, %d is %.9g, expected %.9g", names[record], j, k,
+                             actual[j][k], sum);
+            }
+        for (size_t k = 0; k < sizeof directions / sizeof *directions; ++k) {
+            multiply(map, directions[k], turned);
+            const double here = red(model, turned), there = red(raw, directions[k]);
+            if (!(fabs(here - there) <= 1e-5))
+                fail_msg("%s: direction %zu is %.9g, expected %.9g", names[record], k, here, there);
+        }
+        sgs_gaussians_destroy(model);
+    }
+    sgs_gaussians_destroy(raw);
+    temp_folder_remove(&folder);
+}
+
+// The option names the axes of a file without the record. Only three systems are written.
+static void spz_axes_are_an_option(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_model_info info;
+    sgs_model_read_options options = sgs_model_read_options_default();
+    sgs_model_write_options write = sgs_model_write_options_default();
+    sgs_gaussians *model = model_random(2, 3), *back, *rub;
+    write.spz_version = 3;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "a.spz"), model, &write, NULL),
+                     SGS_STATUS_OK);
+    assert_int_equal(sgs_model_read(temp_path(&folder, "a.spz"), NULL, &rub, NULL), SGS_STATUS_OK);
+    options.spz_axes = SGS_SPZ_AXES_RFU;
+    assert_int_equal(sgs_model_read(temp_path(&folder, "a.spz"), &options, &back, &info),
+                     SGS_STATUS_OK);
+    assert_int_equal(info.axes, SGS_SPZ_AXES_RFU);
+    expect(back, 1, 0, (double)model_value(rub, 1, 0)); // y is front, z is up
+    expect(back, 1, 1, (double)model_value(rub, 1, 2));
+    expect(back, 1, 2, -(double)model_value(rub, 1, 1));
+    sgs_gaussians_destroy(back);
+    options.spz_axes = SGS_SPZ_AXES_COUNT;
+    assert_int_equal(sgs_model_read(temp_path(&folder, "a.spz"), &options, &back, NULL),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    write.spz_axes = SGS_SPZ_AXES_RUF;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "a.spz"), model, &write, NULL),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "a.spz: spz_axes 7 cannot be written"));
+    sgs_gaussians_destroy(model);
+    sgs_gaussians_destroy(rub);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(spz_in_gzip_is_read),
-        cmocka_unit_test(spz_with_frames_is_read),
-        cmocka_unit_test(spz_does_not_wrap),
+        cmocka_unit_test(spz_in_gzip_is_read),    cmocka_unit_test(spz_with_frames_is_read),
+        cmocka_unit_test(spz_does_not_wrap),      cmocka_unit_test(spz_in_any_axes_is_read),
+        cmocka_unit_test(spz_axes_are_an_option),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

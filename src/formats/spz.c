@@ -18,7 +18,8 @@
 //
 // Streams of equal bytes compress to almost nothing, so the size of a file bounds its count. Per
 // byte, a regular grid of 128 x 128 x 128 equal primitives has 0.6 primitives with gzip and 5 with
-// Zstandard, a trained model 0.1. A model beyond the bound is written stored, or padded with zeros.
+// Zstandard, a trained model 0.1. A model beyond the bound is written stored, or, in version 4,
+// with an extension record of zeros: the frames must end with the file.
 
 #include "formats/model_format.h"
 
@@ -52,7 +53,7 @@ enum {
     ZSTD_LEVEL = 9
 };
 
-static const uint32_t AXES_RECORD = 0xADBE0003;
+static const uint32_t AXES_RECORD = 0xADBE0003, PADDING_RECORD = 0x53504753;
 
 // Values of the record. Minus 1, bit 0 is x right, bit 1 y up, bit 2 z front; with bit 3, y is back
 // or front and z down or up. The axes of 9 (LFD), 10 (RFD), 15 (LBU) and 16 (RBU) are uncertain:
@@ -496,46 +497,72 @@ static void put_axes_record(uint8_t *at, sgs_spz_axes axes)
     sgsi_store_u32(at + 8, axes_records[axes]);
 }
 
-// Header, table and frames of version 4.
+// A record of zeros, which no reader knows.
+static void put_padding_record(uint8_t *at, size_t size)
+{
+    sgsi_store_u32(at, PADDING_RECORD);
+    sgsi_store_u32(at + 4, (uint32_t)(size - RECORD_HEADER_BYTES));
+}
+
+// Bytes of the padding record in a file of `total` bytes without it.
+static size_t padding_of(const spz_file *file, size_t total)
+{
+    if (file->count <= count_limit(4, total))
+        return 0;
+    const size_t missing = file->count / COUNT_PER_BYTE_4 - total;
+    return missing > RECORD_HEADER_BYTES ? missing : RECORD_HEADER_BYTES;
+}
+
+// Header, records, table and frames of version 4.
+static sgs_status put_version_4(const char *path, const spz_file *file,
+                                const stream_packing *packing, size_t count, uint64_t *written)
+{
+    const size_t axes = file->flags & FLAG_EXTENSIONS ? AXES_RECORD_BYTES : 0;
+    size_t total = HEADER_4_BYTES + axes + 16 * count;
+    for (size_t k = 0; k < count; ++k)
+        total += packing->out_size[k];
+    const size_t padding = padding_of(file, total), table = HEADER_4_BYTES + axes + padding;
+    uint8_t *bytes = sgsi_calloc(total + padding, 1);
+    if (!bytes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
+    put_header(bytes, file);
+    bytes[15] = (uint8_t)count;
+    sgsi_store_u32(bytes + 16, (uint32_t)table);
+    if (axes)
+        put_axes_record(bytes + HEADER_4_BYTES, file->axes);
+    if (padding) {
+        bytes[14] |= FLAG_EXTENSIONS;
+        put_padding_record(bytes + HEADER_4_BYTES + axes, padding);
+    }
+    size_t at = table + 16 * count;
+    for (size_t k = 0; k < count; ++k) {
+        sgsi_store_u64(bytes + table + 16 * k, packing->out_size[k]);
+        sgsi_store_u64(bytes + table + 16 * k + 8, packing->in_size[k]);
+        memcpy(bytes + at, packing->out[k], packing->out_size[k]);
+        at += packing->out_size[k];
+    }
+    const sgs_status status = sgs_output_file_write(path, bytes, at);
+    *written = at;
+    sgsi_free(bytes);
+    return status;
+}
+
 static sgs_status write_version_4(const char *path, const spz_file *file,
                                   uint8_t *const streams[STREAM_COUNT], uint64_t *written)
 {
-    const size_t count = file->sh_degree ? 6 : 5,
-                 table = HEADER_4_BYTES + (file->flags & FLAG_EXTENSIONS ? AXES_RECORD_BYTES : 0);
+    const size_t count = file->sh_degree ? 6 : 5;
     stream_packing packing = {0};
-    size_t total = table + 16 * count;
     sgs_status status = SGS_STATUS_OK;
     for (size_t k = 0; k < count; ++k) {
         packing.in[k] = streams[k];
         packing.in_size[k] = row_bytes(file, (int)k) * file->count;
     }
     sgsi_parallel_for(count, 1, pack_stream, &packing);
-    for (size_t k = 0; k < count; ++k) {
-        status = status ? status : packing.status[k];
-        total += packing.out_size[k];
-    }
-    if (file->count > count_limit(4, total))
-        total = file->count / COUNT_PER_BYTE_4; // zeros at the end
-    uint8_t *bytes = status ? NULL : sgsi_calloc(total, 1);
-    if (bytes) {
-        put_header(bytes, file);
-        bytes[15] = (uint8_t)count;
-        sgsi_store_u32(bytes + 16, (uint32_t)table);
-        if (file->flags & FLAG_EXTENSIONS)
-            put_axes_record(bytes + HEADER_4_BYTES, file->axes);
-        size_t at = table + 16 * count;
-        for (size_t k = 0; k < count; ++k) {
-            sgsi_store_u64(bytes + table + 16 * k, packing.out_size[k]);
-            sgsi_store_u64(bytes + table + 16 * k + 8, packing.in_size[k]);
-            memcpy(bytes + at, packing.out[k], packing.out_size[k]);
-            at += packing.out_size[k];
-        }
-        status = sgs_output_file_write(path, bytes, total);
-        *written = total;
-    } else {
-        status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to write it", path);
-    }
-    sgsi_free(bytes);
+    for (size_t k = 0; k < count; ++k)
+        if (!status && packing.status[k])
+            status = sgsi_fail(packing.status[k], "%s: not enough memory to write it", path);
+    if (!status)
+        status = put_version_4(path, file, &packing, count, written);
     for (size_t k = 0; k < count; ++k)
         sgsi_free(packing.out[k]);
     return status;

@@ -30,8 +30,8 @@ typedef enum sgs_camera_model {
     SGS_CAMERA_RADIAL_FISHEYE = 9,        // f, cx, cy, k1, k2
     SGS_CAMERA_THIN_PRISM_FISHEYE = 10,   // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1
     SGS_CAMERA_MODEL_COUNT = 11,
-    // For rendering only, not a COLMAP model: fx, fy (pixels per radian of longitude and latitude),
-    // cx, cy.
+    // fx, fy (pixels per radian of longitude and latitude), cx, cy. COLMAP's model has other
+    // parameters.
     SGS_CAMERA_EQUIRECTANGULAR = 100
 } sgs_camera_model;
 

@@ -3,6 +3,7 @@
 
 // COLMAP's sparse models, after its documentation ("Output Format", COLMAP 3.8). The binary reader
 // and the text reader both call add_camera, add_image and add_point, which check the contents.
+// Camera models of COLMAP 3.9 to 4.1 are read if they are special cases of a lens of camera.h.
 //
 // The files are untrusted. Counts are validated against the remaining bytes before allocation, and
 // every error gives file, position and fix. 2-D observations and tracks are skipped. Differences
@@ -24,9 +25,9 @@
 
 enum {
     MAX_SIZE = 65536,
-    // Minimum bytes of a record: a camera with three parameters, an image with a one-letter name
-    // and no observations, a point without track.
-    CAMERA_BYTES = 4 + 4 + 8 + 8 + 3 * 8,
+    // Minimum bytes of a record: a camera with two parameters, an image with a one-letter name and
+    // no observations, a point without track.
+    CAMERA_BYTES = 4 + 4 + 8 + 8 + 2 * 8,
     IMAGE_BYTES = 4 + 7 * 8 + 4 + 2 + 8,
     POINT_BYTES = 8 + 3 * 8 + 3 + 8 + 8
 };
@@ -65,6 +66,89 @@ static bool grow(void **block, size_t count, size_t *capacity, size_t size)
     return true;
 }
 
+// ---- Camera models ------------------------------------------------------------------------------
+
+enum { SIMPLE_FISHEYE = 14, FISHEYE = 15, EQUIRECTANGULAR = 17, MODEL_COUNT };
+
+// Those after COLMAP 3.8 (src/colmap/sensor/models.h); no parameters: not supported.
+static const struct {
+    const char *name;
+    int param_count;
+} later_models[MODEL_COUNT - SGS_CAMERA_MODEL_COUNT] = {
+    {"RAD_TAN_THIN_PRISM_FISHEYE", 0},
+    {"SIMPLE_DIVISION", 0},
+    {"DIVISION", 0},
+    {"SIMPLE_FISHEYE", 3}, // f, cx, cy
+    {"FISHEYE", 4},        // fx, fy, cx, cy
+    {"EUCM", 0},
+    {"EQUIRECTANGULAR", 2} // width, height
+};
+
+// NULL for an id that COLMAP does not have.
+static const char *model_name(int model)
+{
+    if (model < 0 || model >= MODEL_COUNT)
+        return NULL;
+    return model < SGS_CAMERA_MODEL_COUNT ? sgs_camera_model_name((sgs_camera_model)model)
+                                          : later_models[model - SGS_CAMERA_MODEL_COUNT].name;
+}
+
+static int model_param_count(int model)
+{
+    return model < SGS_CAMERA_MODEL_COUNT
+               ? sgs_camera_param_count((sgs_camera_model)model)
+               : later_models[model - SGS_CAMERA_MODEL_COUNT].param_count;
+}
+
+// -1 for a name that COLMAP does not have.
+static int model_of_name(const char *name)
+{
+    for (int model = 0; model < MODEL_COUNT; ++model)
+        if (!strcmp(model_name(model), name))
+            return model;
+    return -1;
+}
+
+// `named`: the name or number in the file.
+static sgs_status refuse_model(const loader *l, uint64_t place, int model, const char *named)
+{
+    const char *name = model_name(model);
+    char what[96];
+    if (name)
+        snprintf(what, sizeof what, "camera model %s (%d) is not supported", name, model);
+    else
+        snprintf(what, sizeof what, "unknown camera model '%.64s'", named);
+    return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                     "%s: %s %llu: %s; supported: COLMAP's models 0 to %d, SIMPLE_FISHEYE (%d), "
+                     "FISHEYE (%d) and EQUIRECTANGULAR (%d): undistort the images or use one of "
+                     "these",
+                     l->path, l->unit, (unsigned long long)place, what, SGS_CAMERA_MODEL_COUNT - 1,
+                     SIMPLE_FISHEYE, FISHEYE, EQUIRECTANGULAR);
+}
+
+// The lens of camera.h. SIMPLE_FISHEYE and FISHEYE are equidistant: OPENCV_FISHEYE without
+// distortion.
+static sgs_camera camera_of(int model, int width, int height, const double *params)
+{
+    sgs_camera camera = {.model = SGS_CAMERA_OPENCV_FISHEYE, .width = width, .height = height};
+    switch (model) {
+    case SIMPLE_FISHEYE:
+        memcpy(camera.params, (const double[]){params[0], params[0], params[1], params[2]},
+               4 * sizeof *params);
+        break;
+    case FISHEYE:
+        memcpy(camera.params, params, 4 * sizeof *params);
+        break;
+    case EQUIRECTANGULAR:
+        camera = sgs_camera_equirectangular(width, height);
+        break;
+    default:
+        camera.model = (sgs_camera_model)model;
+        memcpy(camera.params, params, (size_t)model_param_count(model) * sizeof *params);
+    }
+    return camera;
+}
+
 // ---- Checks -------------------------------------------------------------------------------------
 
 static sgs_status add_camera(loader *l, uint32_t id, int model, uint64_t width, uint64_t height,
@@ -77,9 +161,14 @@ static sgs_status add_camera(loader *l, uint32_t id, int model, uint64_t width, 
                          "the file may be damaged",
                          l->path, l->unit, place, id, (unsigned long long)width,
                          (unsigned long long)height, MAX_SIZE);
-    sgs_camera camera = {
-        .model = (sgs_camera_model)model, .width = (int)width, .height = (int)height};
-    memcpy(camera.params, params, (size_t)sgs_camera_param_count(camera.model) * sizeof *params);
+    if (model == EQUIRECTANGULAR &&
+        !(fabs(params[0] - (double)width) < 1.0 && fabs(params[1] - (double)height) < 1.0))
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s %llu: camera %u: the parameters %g x %g of EQUIRECTANGULAR are not "
+            "the size %d x %d of the image; export the model again",
+            l->path, l->unit, place, id, params[0], params[1], (int)width, (int)height);
+    const sgs_camera camera = camera_of(model, (int)width, (int)height, params);
     if (sgs_camera_validate(&camera))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s %llu: camera %u: %s; recalibrate this camera",
                          l->path, l->unit, place, id, sgs_last_error());
@@ -262,16 +351,12 @@ static sgs_status read_camera_binary(loader *l, bytes *b)
     if (!p)
         return truncated(l, b, "a camera");
     const int model = (int)(int32_t)(uint32_t)decode(p + 4, 4);
-    // SGS_CAMERA_EQUIRECTANGULAR, 100, is no model of COLMAP.
-    const int param_count = model >= 0 && model < SGS_CAMERA_MODEL_COUNT
-                                ? sgs_camera_param_count((sgs_camera_model)model)
-                                : 0;
-    if (param_count == 0)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: byte %llu: unknown camera model %d; COLMAP's models 0 to %d are "
-                         "supported: undistort the images or use one of these",
-                         l->path, (unsigned long long)l->place + 4, model,
-                         SGS_CAMERA_MODEL_COUNT - 1);
+    const int param_count = model_name(model) ? model_param_count(model) : 0;
+    if (!param_count) {
+        char number[16];
+        snprintf(number, sizeof number, "%d", model);
+        return refuse_model(l, l->place + 4, model, number);
+    }
     const uint8_t *raw = take(b, 8 * (uint64_t)param_count);
     if (!raw)
         return truncated(l, b, "the parameters of a camera");
@@ -437,21 +522,17 @@ static sgs_status read_cameras_text(loader *l, lines *t)
     while ((line = next_record(l, t))) {
         uint64_t id, width, height;
         double params[12] = {0};
-        sgs_camera_model model;
         const char *form = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]";
         if (!word_integer(&line, UINT32_MAX, &id))
             return bad_line(l, form);
         const char *name = next_word(&line);
         if (!name)
             return bad_line(l, form);
-        if (!sgs_camera_model_from_name(name, &model))
-            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: line %llu: unknown camera model '%.64s'; the models of COLMAP "
-                             "3.8 are supported: undistort the images or use one of these",
-                             l->path, (unsigned long long)l->place, name);
+        const int model = model_of_name(name), expected = model < 0 ? 0 : model_param_count(model);
+        if (!expected)
+            return refuse_model(l, l->place, model, name);
         if (!word_integer(&line, UINT64_MAX, &width) || !word_integer(&line, UINT64_MAX, &height))
             return bad_line(l, form);
-        const int expected = sgs_camera_param_count(model);
         int count = 0;
         while (count < expected && word_double(&line, &params[count]))
             ++count;

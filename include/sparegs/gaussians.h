@@ -111,11 +111,11 @@ SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned
                                              sgs_gaussians **model);
 
 // Reads a 3DGS PLY: binary (either byte order) or ASCII, any order of properties, any SH degree (0,
-// 9, 24 or 45 f_rest); unknown properties are ignored. An opacity of +inf or -inf is read as the
-// logit of 1 - 1e-6 or 1e-6, a log scale of -inf as -30, as in a file of 2DGS, which has no
-// scale_2; other rows with non-finite values are dropped with one warning. A zero quaternion
-// becomes the identity, with a warning. The caller destroys *model. Fails with IO, FORMAT,
-// UNSUPPORTED, LIMIT or OUT_OF_MEMORY; the error names file and place, *model is then NULL.
+// 9, 24 or 45 f_rest; 72 without the last band); unknown properties are ignored. An opacity of +inf
+// or -inf is read as the logit of 1 - 1e-6 or 1e-6, a log scale of -inf as -30, as in a file of
+// 2DGS, which has no scale_2; other rows with non-finite values are dropped with one warning. A
+// zero quaternion becomes the identity, with a warning. The caller destroys *model. Fails with IO,
+// FORMAT, UNSUPPORTED, LIMIT or OUT_OF_MEMORY; the error names file and place, *model is then NULL.
 SGS_API sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 
 // Writes the little-endian PLY of 3DGS with 62 properties (fewer f_rest for a lower sh_degree),

@@ -31,6 +31,7 @@
 enum {
     REST_PER_CHANNEL = 15,
     MAX_REST = 3 * REST_PER_CHANNEL,
+    MAX_DEGREE_READ = 4, // kept: up to 3
     CHUNK_ROWS = 256,
     PARAM_FILTER_3D = SGS_PARAM_COUNT, // Mip-Splatting's filter_3D, in rows only
     ROW_COUNT,
@@ -126,6 +127,32 @@ static sgs_status add_column(ply_reader *reader, const char *name, int param)
     return SGS_STATUS_OK;
 }
 
+// `rest`: number of f_rest properties.
+static sgs_status map_rest(ply_reader *reader, int rest)
+{
+    int degree = 0;
+    while (degree <= MAX_DEGREE_READ && rest_count(degree) != rest)
+        ++degree;
+    if (degree > MAX_DEGREE_READ)
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: has %d f_rest properties; supported: 0, 9, 24, 45 or 72 (SH degree 0 to 4)",
+            reader->stream.path, rest);
+    for (int k = 0; k < rest; ++k) {
+        char name[32];
+        if (k % (rest / 3) >= REST_PER_CHANNEL)
+            continue; // of degree 4
+        snprintf(name, sizeof name, "f_rest_%d", k);
+        const sgs_status status = add_column(reader, name, rest_param(k, rest));
+        if (status)
+            return status;
+    }
+    if (degree > 3)
+        sgsi_warn("%s: SH of degree 4 are ignored", reader->stream.path);
+    reader->sh_degree = degree < 3 ? degree : 3;
+    return SGS_STATUS_OK;
+}
+
 static sgs_status map_columns(ply_reader *reader)
 {
     int rest = 0;
@@ -146,22 +173,9 @@ static sgs_status map_columns(ply_reader *reader)
         if (status)
             return status;
     }
-    for (reader->sh_degree = 0; reader->sh_degree <= 3; ++reader->sh_degree) {
-        if (rest_count(reader->sh_degree) == rest)
-            break;
-    }
-    if (reader->sh_degree > 3)
-        return sgsi_fail(
-            SGS_STATUS_UNSUPPORTED,
-            "%s: has %d f_rest properties; supported: 0, 9, 24 or 45 (SH degree 0 to 3)",
-            reader->stream.path, rest);
-    for (int k = 0; k < rest; ++k) {
-        char name[32];
-        snprintf(name, sizeof name, "f_rest_%d", k);
-        const sgs_status status = add_column(reader, name, rest_param(k, rest));
-        if (status)
-            return status;
-    }
+    const sgs_status status = map_rest(reader, rest);
+    if (status)
+        return status;
     if (reader->is_flat)
         sgsi_warn("%s: has no property 'scale_2', like models of 2DGS; its primitives are read as "
                   "flat discs",

@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// PLY models as other programs write them: marks of antialiasing, Mip-Splatting's filter.
+// PLY models as other programs write them: marks of antialiasing, Mip-Splatting's filter, flat
+// primitives, SH of degree 4.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -141,12 +142,40 @@ static void a_model_of_2dgs_has_discs(void **state)
     temp_folder_remove(&folder);
 }
 
+// f_rest is channel-major: red has the first 24.
+static void the_band_of_degree_4_is_dropped(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    bytes file = {.size = 0};
+    put_text(&file, "ply\nformat ascii 1.0\nelement vertex 1\n" UP_TO_SCALE
+                    "property float scale_2\n" ROTATION);
+    for (int k = 0; k < 72; ++k)
+        put_text(&file, "property float f_rest_%d\n", k);
+    put_text(&file, "end_header\n1 2 3 0.5 0.25 0.125 -1 -2 -3 -4 0.5 0.5 0.5 0.5");
+    for (int channel = 0; channel < 3; ++channel)
+        for (int k = 0; k < 24; ++k)
+            put_text(&file, " %d", 100 * channel + k);
+    put_u8(&file, '\n');
+    put_u8(&file, 0);
+    sgs_gaussians *model = read_text(&folder, (const char *)file.data);
+    assert_int_equal(model->sh_degree, 3);
+    expect_row(model, 0, SGS_PARAM_SH_DC, 3, (double[]){0.5, 0.25, 0.125});
+    for (int k = 0; k < 15; ++k)
+        expect_row(model, 0, SGS_PARAM_SH_REST + 3 * k, 3, (double[]){k, 100 + k, 200 + k});
+    expect_row(model, 0, SGS_PARAM_SCALE, 3, (double[]){-2, -3, -4});
+    assert_non_null(strstr(warnings, "a.ply: SH of degree 4 are ignored"));
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ply_is_read_with_its_filter_and_mark),
         cmocka_unit_test(flat_primitives_are_kept),
         cmocka_unit_test(a_model_of_2dgs_has_discs),
+        cmocka_unit_test(the_band_of_degree_4_is_dropped),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -96,7 +96,7 @@ static const bad_file bad_files[] = {
      "property 'x' is missing; this is a compressed model; export it as an uncompressed PLY"},
     {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nend_header\n" ROW,
      SGS_STATUS_UNSUPPORTED,
-     "has 1 f_rest properties; supported: 0, 9, 24 or 45 (SH degree 0 to 3)"},
+     "has 1 f_rest properties; supported: 0, 9, 24, 45 or 72 (SH degree 0 to 4)"},
     {ASCII "element vertex 1\n" MODEL "property float f_rest_0\nproperty float f_rest_1\nproperty "
            "float f_rest_2\nproperty float f_rest_3\n"
            "property float f_rest_4\nproperty float f_rest_5\nproperty float f_rest_6\nproperty "

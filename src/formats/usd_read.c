@@ -1,12 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Reads a ParticleField3DGaussianSplat from OpenUSD text: the first one in the layer, its five
-// attributes (or their half-precision variants, which the text also writes as numbers),
-// colorSpace:name (its own or that of the nearest prim above it, as in UsdColorSpaceAPI), our white
-// point, upAxis, and nothing else. No composition, no time samples; transforms above the prim are
-// refused, because they would have to rotate SH. Many programs write every prim with identity
-// operations; these are accepted.
+// Reads the prims of type ParticleField3DGaussianSplat from OpenUSD text, as one model: their five
+// attributes (or the half-precision variants, which the text also writes as numbers), the static
+// transforms on and above them, colorSpace:name (of the prim or the nearest one above it, as in
+// UsdColorSpaceAPI), our white point, upAxis, and nothing else. No composition, no time samples.
+// Prims below a class and inactive ones are not part of the scene.
 
 #include "formats/model_format.h"
 
@@ -16,51 +15,35 @@
 
 #include "base/core.h"
 #include "formats/color_marks.h"
-#include "formats/model_rows.h"
-#include "model/similarity.h"
+#include "formats/usd_splats.h"
 
-enum { MOST_WORD = 63, MOST_DEPTH = 64 };
+enum { MOST_WORD = SGSI_USD_NAME, MOST_DEPTH = 64, FIRST_CAPACITY = 16 };
+static const size_t NO_SPLATS = SIZE_MAX;
 
-typedef enum usd_values {
-    USD_POSITIONS,
-    USD_ORIENTATIONS,
-    USD_SCALES,
-    USD_OPACITIES,
-    USD_SH,
-    USD_VALUES
-} usd_values;
-
-static const struct {
-    const char *name, *half;
-    size_t components;
-} attributes[USD_VALUES] = {
-    {"positions", "positionsh", 3},
-    {"orientations", "orientationsh", 4},
-    {"scales", "scalesh", 3},
-    {"opacities", "opacitiesh", 1},
-    {"radiance:sphericalHarmonicsCoefficients", "radiance:sphericalHarmonicsCoefficientsh", 3},
-};
+// What the words before a brace say about its prim.
+typedef struct usd_announced {
+    bool is_splats, is_hidden, is_variants;
+} usd_announced;
 
 typedef struct usd_reader {
     const char *path;
     uint8_t *bytes;       // the text
     const char *at, *end; // of the text, which ends with NUL
     int line, depth;      // depth of braces
-    int prim_depth;       // depth inside of the splats, 0 before
-    int above;            // after the splats: number of prims around them that are still open
-    bool finished;        // after the splats
+    usd_announced next;
     struct {
-        bool transformed;
+        sgsi_usd_transform transform;
+        size_t first;                    // prim with splats since its brace
+        size_t splats;                   // index if it has splats, else NO_SPLATS
+        bool is_hidden, is_variants;     // or one above is
         char color_space[MOST_WORD + 1]; // "" if it has none
     } open[MOST_DEPTH + 1];              // by depth: the open prims
-    bool moved;                          // the splats or a prim above them have a transform
-    char color_space[MOST_WORD + 1];     // of the splats, "" if no prim has one
     bool z_up;
     bool colors_only; // skips the arrays, without warnings
-    sgs_model_colors colors;
-    int sh_degree; // -1: not given
-    float *values[USD_VALUES];
-    size_t counts[USD_VALUES], capacities[USD_VALUES];
+    bool composed;    // names other layers
+    sgsi_usd_splats *prims;
+    size_t prim_count, prim_capacity;
+    sgs_model_colors colors; // of the first prim
     locale_t c_locale;
 } usd_reader;
 
@@ -164,10 +147,10 @@ static void skip_numbers(usd_reader *reader)
 }
 
 // Numbers in brackets; parentheses only group them.
-static sgs_status read_numbers(usd_reader *reader, usd_values kind)
+static sgs_status read_numbers(usd_reader *reader, sgsi_usd_splats *prim, int kind)
 {
-    size_t *count = &reader->counts[kind], *capacity = &reader->capacities[kind];
-    float **values = &reader->values[kind];
+    size_t *count = &prim->counts[kind], *capacity = &prim->capacities[kind];
+    float **values = &prim->values[kind];
     *count = 0;
     for (;;) {
         skip_space(reader);
@@ -188,7 +171,7 @@ static sgs_status read_numbers(usd_reader *reader, usd_values kind)
             return fail_line(reader, "an array contains something that is not a number");
         reader->at = end;
         if (*count == *capacity) {
-            const size_t grown = *capacity ? 2 * *capacity : 1024;
+            const size_t grown = *capacity ? 2 * *capacity : FIRST_CAPACITY;
             if (!sgsi_grow((void **)values, *count, grown, sizeof **values))
                 return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
                                  reader->path);
@@ -196,32 +179,6 @@ static sgs_status read_numbers(usd_reader *reader, usd_values kind)
         }
         (*values)[(*count)++] = (float)value;
     }
-}
-
-// Whether the transform operation is the identity. Does not consume its value.
-static bool is_identity(const usd_reader *reader, const char *operation)
-{
-    enum { MOST = 16 };
-    const bool matrix = !strncmp(operation, "transform", 9),
-               scales = !strncmp(operation, "scale", 5), orient = !strncmp(operation, "orient", 6),
-               zeros = !strncmp(operation, "translate", 9) || !strncmp(operation, "rotate", 6);
-    const char *at = reader->at + strspn(reader->at, " \t\r\n");
-    const bool scalar = *at != '(';
-    size_t count = 0;
-    for (; count < (scalar ? 1 : MOST); ++count) {
-        char *end;
-        at += strspn(at, " \t\r\n(),");
-        const double value = strtod_l(at, &end, reader->c_locale);
-        if (end == at)
-            break;
-        const double expected = matrix   ? (double)(count % 5 == 0)
-                                : orient ? (double)(count == 0)
-                                         : (double)scales;
-        if (!(value == expected))
-            return false;
-        at = end;
-    }
-    return matrix ? count == 16 : orient ? count == 4 : (scales || zeros) && count > 0;
 }
 
 // A token in double quotes, of the innermost open prim.
@@ -237,169 +194,190 @@ static void read_color_space(usd_reader *reader)
     name[length] = 0;
 }
 
-// After "NAME =" inside of the splats.
-static sgs_status read_attribute(usd_reader *reader, const char *name)
+// After "NAME =" inside of a prim with splats.
+static sgs_status read_attribute(usd_reader *reader, sgsi_usd_splats *prim, const char *name)
 {
-    skip_space(reader);
-    if (!strcmp(name, "radiance:sphericalHarmonicsDegree")) {
-        reader->sh_degree = (int)strtol(reader->at, NULL, 10);
-        return SGS_STATUS_OK;
-    }
-    if (!strcmp(name, "sparegs:whitePoint")) {
-        reader->colors.white_point = sgsi_white_point_parse(reader->at);
-        return SGS_STATUS_OK;
-    }
-    for (int k = 0; k < USD_VALUES; ++k) {
-        const bool is_half = !strcmp(name, attributes[k].half);
-        if (strcmp(name, attributes[k].name) && !is_half)
+    const char *const dot = strchr(name, '.');
+    if (!strcmp(name, "radiance:sphericalHarmonicsDegree"))
+        prim->sh_degree = (int)strtol(reader->at, NULL, 10);
+    else if (!strcmp(name, "sparegs:whitePoint"))
+        prim->white_point = sgsi_white_point_parse(reader->at);
+    for (int k = 0; k < SGSI_USD_VALUES; ++k) {
+        const sgsi_usd_attribute *attribute = &sgsi_usd_attributes[k];
+        const size_t length = dot ? (size_t)(dot - name) : strlen(name);
+        const bool is_half =
+            strlen(attribute->half) == length && !strncmp(name, attribute->half, length);
+        if (!is_half &&
+            (strlen(attribute->name) != length || strncmp(name, attribute->name, length)))
             continue;
-        if (is_half && reader->counts[k]) // floats win
+        if (dot) {
+            prim->animated[k] |= !strcmp(dot, ".timeSamples") || !strcmp(dot, ".spline");
+            return SGS_STATUS_OK;
+        }
+        if (is_half && prim->counts[k]) // floats win
+            return SGS_STATUS_OK;
+        if (k != SGSI_USD_POSITIONS && !strncmp(reader->at, "None", 4))
             return SGS_STATUS_OK;
         if (*reader->at != '[')
             return fail_line(reader, "an attribute of the splats is not an array");
         ++reader->at;
         if (!reader->colors_only)
-            return read_numbers(reader, (usd_values)k);
+            return read_numbers(reader, prim, k);
         skip_numbers(reader);
         return SGS_STATUS_OK;
     }
     return SGS_STATUS_OK;
 }
 
-static sgs_status open_brace(usd_reader *reader, bool is_splats)
+static sgs_status add_prim(usd_reader *reader)
 {
-    if (reader->depth == MOST_DEPTH)
-        return fail_line(reader, "braces are nested deeper than 64");
-    ++reader->depth;
-    reader->open[reader->depth].transformed = false;
-    reader->open[reader->depth].color_space[0] = 0;
-    if (is_splats && reader->finished && !reader->colors_only)
-        sgsi_warn("%s: line %d: only the first ParticleField3DGaussianSplat is read", reader->path,
-                  reader->line);
-    if (is_splats && !reader->prim_depth && !reader->finished)
-        reader->prim_depth = reader->depth;
+    if (reader->prim_count == reader->prim_capacity) {
+        const size_t grown = reader->prim_capacity ? 2 * reader->prim_capacity : 1;
+        if (!sgsi_grow((void **)&reader->prims, reader->prim_count, grown, sizeof *reader->prims))
+            return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it",
+                             reader->path);
+        reader->prim_capacity = grown;
+    }
+    sgsi_usd_splats *prim = &reader->prims[reader->prim_count++];
+    *prim = (sgsi_usd_splats){.line = reader->line, .sh_degree = -1};
+    sgsi_usd_identity(prim->world);
     return SGS_STATUS_OK;
 }
 
-// The innermost open prim is that of the splats or one above it.
+static sgs_status open_brace(usd_reader *reader)
+{
+    const usd_announced next = reader->next;
+    reader->next = (usd_announced){0};
+    if (reader->depth == MOST_DEPTH)
+        return fail_line(reader, "braces are nested deeper than 64");
+    const bool hidden = reader->open[reader->depth].is_hidden || next.is_hidden,
+               variants = reader->open[reader->depth].is_variants || next.is_variants;
+    ++reader->depth;
+    sgsi_usd_transform_begin(&reader->open[reader->depth].transform);
+    reader->open[reader->depth].first = reader->prim_count;
+    reader->open[reader->depth].splats = NO_SPLATS;
+    reader->open[reader->depth].is_hidden = hidden;
+    reader->open[reader->depth].is_variants = variants;
+    reader->open[reader->depth].color_space[0] = 0;
+    if (!next.is_splats || hidden)
+        return SGS_STATUS_OK;
+    if (variants)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: line %d: the splats are in a variant; select one with 'usdcat -f "
+                         "%s -o X.usda'",
+                         reader->path, reader->line, reader->path);
+    reader->open[reader->depth].splats = reader->prim_count;
+    return add_prim(reader);
+}
+
+// Transform and colour space of the innermost open prim apply to the splats in it. A prim may
+// declare both after its children.
 static void inherit(usd_reader *reader)
 {
-    reader->moved |= reader->open[reader->depth].transformed;
-    if (!*reader->color_space)
-        memcpy(reader->color_space, reader->open[reader->depth].color_space,
-               sizeof reader->color_space);
-    reader->above = reader->depth - 1;
+    const sgsi_usd_transform *transform = &reader->open[reader->depth].transform;
+    double matrix[4][4];
+    const sgsi_usd_fault fault = sgsi_usd_transform_matrix(transform, matrix);
+    for (size_t i = reader->open[reader->depth].first; i < reader->prim_count; ++i) {
+        sgsi_usd_splats *prim = &reader->prims[i];
+        if (!prim->placed && fault)
+            prim->fault = fault;
+        else if (!prim->placed)
+            sgsi_usd_multiply(prim->world, (const double(*)[4])matrix);
+        prim->placed |= transform->resets;
+        if (!*prim->color_space)
+            memcpy(prim->color_space, reader->open[reader->depth].color_space,
+                   sizeof prim->color_space);
+    }
 }
 
 static sgs_status close_brace(usd_reader *reader)
 {
     if (!reader->depth)
         return fail_line(reader, "'}' without '{'");
-    if (reader->depth == reader->prim_depth) {
-        reader->prim_depth = 0;
-        reader->finished = true;
+    if (reader->open[reader->depth].first < reader->prim_count)
         inherit(reader);
-    } else if (reader->finished && reader->depth == reader->above) {
-        inherit(reader);
-    }
     --reader->depth;
     return SGS_STATUS_OK;
+}
+
+// After "NAME =". nested: depth of braces in the parentheses.
+static sgs_status read_value(usd_reader *reader, const char *name, int parentheses, int nested)
+{
+    const size_t splats = reader->open[reader->depth].splats;
+    sgsi_usd_transform *transform = &reader->open[reader->depth].transform;
+    skip_space(reader);
+    if (!strcmp(name, "references") || !strcmp(name, "payload") || !strcmp(name, "subLayers"))
+        reader->composed = true;
+    else if (!strcmp(name, "active") && parentheses == 1 && !nested)
+        reader->next.is_hidden |= *reader->at == 'f' || *reader->at == '0';
+    else if (!reader->depth)
+        reader->z_up = strcmp(name, "upAxis")
+                           ? reader->z_up
+                           : *reader->at && reader->at + 1 < reader->end && reader->at[1] == 'Z';
+    else if (parentheses)
+        return SGS_STATUS_OK;
+    else if (!strcmp(name, "xformOpOrder"))
+        sgsi_usd_transform_order(transform, reader->at);
+    else if (!strncmp(name, "xformOp:", 8))
+        sgsi_usd_transform_set(transform, name, reader->at, reader->c_locale);
+    else if (!strcmp(name, "colorSpace:name"))
+        read_color_space(reader);
+    else if (splats != NO_SPLATS)
+        return read_attribute(reader, &reader->prims[splats], name);
+    return SGS_STATUS_OK;
+}
+
+// The colours of the model are those of its first prim.
+static void read_colors(usd_reader *reader)
+{
+    bool mixed = false;
+    for (size_t i = 0; i < reader->prim_count; ++i) {
+        const sgsi_usd_splats *prim = &reader->prims[i];
+        sgs_model_colors own = {.white_point = prim->white_point};
+        if (*prim->color_space)
+            sgsi_color_space_parse(i || reader->colors_only ? NULL : reader->path,
+                                   prim->color_space, &own);
+        reader->colors = i ? reader->colors : own;
+        mixed |= own.space != reader->colors.space;
+    }
+    if (mixed && !reader->colors_only)
+        sgsi_warn("%s: its prims have several colour spaces; that of the first is used",
+                  reader->path);
 }
 
 static sgs_status read_layer(usd_reader *reader)
 {
     char word[MOST_WORD + 1], previous[MOST_WORD + 1] = "";
-    bool is_splats = false; // after the type name, before its brace
-    int parentheses = 0;
+    int parentheses = 0, nested = 0;
     sgs_status status = SGS_STATUS_OK;
     while (!status && next_token(reader, word)) {
-        if (!strcmp(word, "(")) {
+        if (!strcmp(word, "("))
             ++parentheses;
-        } else if (!strcmp(word, ")")) {
+        else if (!strcmp(word, ")"))
             --parentheses;
-        } else if (!strcmp(word, "ParticleField3DGaussianSplat") && !strcmp(previous, "def")) {
-            is_splats = true;
-        } else if (!strcmp(word, "{") && parentheses <= 0) {
-            status = open_brace(reader, is_splats);
-            is_splats = false;
-        } else if (!strcmp(word, "}") && parentheses <= 0) {
+        else if (parentheses > 0 && (!strcmp(word, "{") || !strcmp(word, "}")))
+            nested += *word == '{' ? 1 : -1;
+        else if (!strcmp(word, "ParticleField3DGaussianSplat") && !strcmp(previous, "def"))
+            reader->next.is_splats = true;
+        else if (parentheses <= 0 && (!strcmp(word, "def") || !strcmp(word, "over")))
+            reader->next = (usd_announced){0};
+        else if (parentheses <= 0 && !strcmp(word, "class"))
+            reader->next = (usd_announced){.is_hidden = true};
+        else if (parentheses <= 0 && !strcmp(word, "variantSet"))
+            reader->next = (usd_announced){.is_variants = true};
+        else if (!strcmp(word, "{"))
+            status = open_brace(reader);
+        else if (!strcmp(word, "}"))
             status = close_brace(reader);
-        } else if (!strcmp(word, "=")) {
-            if (!strcmp(previous, "upAxis") && !reader->depth) {
-                skip_space(reader);
-                reader->z_up = reader->at + 1 < reader->end && reader->at[1] == 'Z';
-            } else if (!strncmp(previous, "xformOp:", 8)) {
-                reader->open[reader->depth].transformed |= !is_identity(reader, previous + 8);
-            } else if (!strcmp(previous, "colorSpace:name") && !parentheses) {
-                read_color_space(reader);
-            } else if (reader->prim_depth && reader->depth == reader->prim_depth && !parentheses) {
-                status = read_attribute(reader, previous);
-            }
-        }
+        else if (!strcmp(word, "="))
+            status = read_value(reader, previous, parentheses, nested);
         memcpy(previous, word, sizeof previous);
     }
     if (!status && reader->depth)
         return fail_line(reader, "the file ends inside a prim");
-    // A prim may declare its transform after its children.
-    if (!status && reader->moved)
-        return sgsi_fail(
-            SGS_STATUS_UNSUPPORTED,
-            "%s: the splats or a prim above them have a transform; export without transforms",
-            reader->path);
-    if (!status && *reader->color_space)
-        sgsi_color_space_parse(reader->colors_only ? NULL : reader->path, reader->color_space,
-                               &reader->colors);
+    if (!status)
+        read_colors(reader);
     return status;
-}
-
-static sgs_status check_counts(usd_reader *reader, size_t *count)
-{
-    *count = reader->counts[USD_POSITIONS] / 3;
-    if (!reader->finished || !*count)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: contains no ParticleField3DGaussianSplat with positions",
-                         reader->path);
-    for (int k = 0; k < USD_SH; ++k)
-        if (reader->counts[k] != *count * attributes[k].components)
-            return sgsi_fail(SGS_STATUS_FORMAT, "%s: '%s' has %zu numbers for %zu positions",
-                             reader->path, attributes[k].name, reader->counts[k], *count);
-    if (reader->sh_degree < 0)
-        reader->sh_degree = 3; // the fallback of the schema
-    const size_t coefficients =
-        reader->sh_degree <= 3 ? (size_t)sgsi_rest_coefficients(reader->sh_degree) + 1 : 0;
-    if (!coefficients)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: SH degree %d is not within 0 to 3",
-                         reader->path, reader->sh_degree);
-    if (reader->counts[USD_SH] != *count * coefficients * 3)
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: SH degree %d of %zu positions takes %zu numbers; the file has %zu",
-                         reader->path, reader->sh_degree, *count, *count * coefficients * 3,
-                         reader->counts[USD_SH]);
-    return SGS_STATUS_OK;
-}
-
-static void decode_rows(const usd_reader *reader, sgsi_rows *rows)
-{
-    const int coefficients = sgsi_rest_coefficients(reader->sh_degree) + 1;
-    const double none[3] = {0}, upright[4] = {0.70710678118654752, -0.70710678118654752, 0, 0};
-    const sgsi_similarity from_z_up = sgsi_similarity_make(1.0, upright, none);
-    for (size_t i = 0; i < rows->total; ++i) {
-        float params[SGS_PARAM_COUNT] = {0};
-        for (size_t k = 0; k < 3; ++k) {
-            params[SGS_PARAM_MEAN + k] = reader->values[USD_POSITIONS][3 * i + k];
-            params[SGS_PARAM_SCALE + k] =
-                sgsi_log_scale((double)reader->values[USD_SCALES][3 * i + k]);
-        }
-        memcpy(params + SGS_PARAM_ROTATION, reader->values[USD_ORIENTATIONS] + 4 * i,
-               4 * sizeof(float));
-        params[SGS_PARAM_OPACITY] = sgsi_logit((double)reader->values[USD_OPACITIES][i]);
-        memcpy(params + SGS_PARAM_SH_DC, reader->values[USD_SH] + 3 * (size_t)coefficients * i,
-               3 * (size_t)coefficients * sizeof(float));
-        if (reader->z_up)
-            sgsi_similarity_apply(&from_z_up, params);
-        sgsi_change_axes(SGSI_AXES_RUB, params);
-        sgsi_rows_add(rows, params);
-    }
 }
 
 // Reads the whole text. Close the reader also after a failure.
@@ -416,14 +394,13 @@ static sgs_status open_reader(const char *path, bool colors_only, usd_reader **m
         sgsi_free(bytes);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     }
-    *reader = (usd_reader){.path = path,
-                           .bytes = bytes,
-                           .at = (const char *)bytes,
-                           .end = (const char *)bytes + size,
-                           .line = 1,
-                           .colors_only = colors_only,
-                           .sh_degree = -1,
-                           .c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0)};
+    reader->path = path;
+    reader->bytes = bytes;
+    reader->at = (const char *)bytes;
+    reader->end = (const char *)bytes + size;
+    reader->line = 1;
+    reader->colors_only = colors_only;
+    reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     if (!reader->c_locale)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     if (size < 5 || memcmp(bytes, "#usda", 5))
@@ -436,8 +413,10 @@ static void close_reader(usd_reader *reader)
 {
     if (!reader)
         return;
-    for (int k = 0; k < USD_VALUES; ++k)
-        sgsi_free(reader->values[k]);
+    for (size_t i = 0; i < reader->prim_count; ++i)
+        for (int k = 0; k < SGSI_USD_VALUES; ++k)
+            sgsi_free(reader->prims[i].values[k]);
+    sgsi_free(reader->prims);
     if (reader->c_locale)
         freelocale(reader->c_locale);
     sgsi_free(reader->bytes);
@@ -454,22 +433,38 @@ sgs_status sgsi_usd_read_colors(const char *path, sgs_model_colors *colors)
     return status;
 }
 
+static sgs_status decode(usd_reader *reader, sgsi_rows *rows)
+{
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 0; !status && i < reader->prim_count; ++i)
+        status = sgsi_usd_splats_decode(&reader->prims[i], reader->z_up, rows);
+    return status;
+}
+
 sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options,
                          sgs_gaussians **model, sgs_model_info *info)
 {
-    size_t count = 0;
+    size_t total = 0;
+    int sh_degree = 0;
     sgsi_rows rows = {0};
     usd_reader *reader;
     sgs_status status = open_reader(path, false, &reader);
     if (!status)
-        status = check_counts(reader, &count);
+        status = sgsi_usd_splats_check(path, reader->prims, reader->prim_count, &total, &sh_degree);
+    if (!status && !total)
+        status = sgsi_fail(SGS_STATUS_FORMAT,
+                           "%s: contains no ParticleField3DGaussianSplat with positions%s", path,
+                           reader->composed ? "; add those of other files with 'usdcat -f'" : "");
     if (!status)
-        status = sgsi_rows_begin(&rows, path, count, reader->sh_degree, options->drop_unrotated);
+        status = sgsi_rows_begin(&rows, path, total, sh_degree, options->drop_unrotated);
     if (!status) {
-        decode_rows(reader, &rows);
+        status = decode(reader, &rows);
         info->dropped = rows.dropped;
         info->colors = reader->colors;
-        status = sgsi_rows_end(&rows, model);
+        if (status)
+            sgsi_rows_abort(&rows);
+        else
+            status = sgsi_rows_end(&rows, model);
     }
     close_reader(reader);
     return status;

@@ -64,15 +64,35 @@ static bool is_lod(const uint8_t *bytes, size_t size)
     return begins(bytes, size, "{", 1) && memmem(bytes, size, "\"lodLevels\"", 11);
 }
 
+static bool is_zip(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, "PK\3\4", 4);
+}
+
+// A package of OpenUSD: a ZIP file whose first file is a layer.
+static bool is_usdz(const uint8_t *bytes, size_t size)
+{
+    enum { HEADER = 30, NAME_LENGTH = 26 };
+    if (!is_zip(bytes, size) || size < HEADER)
+        return false;
+    const size_t length = sgsi_load_u16(bytes + NAME_LENGTH);
+    const char *end = (const char *)bytes + HEADER + length;
+    return length >= 5 && length <= size - HEADER &&
+           (!strncasecmp(end - 4, ".usd", 4) || !strncasecmp(end - 5, ".usda", 5) ||
+            !strncasecmp(end - 5, ".usdc", 5));
+}
+
 static bool is_sog(const uint8_t *bytes, size_t size)
 {
-    return begins(bytes, size, "PK\3\4", 4) ||
+    return (is_zip(bytes, size) && !is_usdz(bytes, size)) ||
            (begins(bytes, size, "{", 1) && memmem(bytes, size, "means_", 6));
 }
 
-static bool is_usda(const uint8_t *bytes, size_t size)
+// Text, or other files of OpenUSD, which the reader opens or names.
+static bool is_usd(const uint8_t *bytes, size_t size)
 {
-    return begins(bytes, size, "#usda", 5);
+    return begins(bytes, size, "#usda", 5) || begins(bytes, size, "PXR-USDC", 8) ||
+           is_usdz(bytes, size);
 }
 
 static bool is_html(const uint8_t *bytes, size_t size)
@@ -96,7 +116,7 @@ static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
     [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write, true, NULL},
     [SGS_MODEL_LOD_SOG] = {"lod-meta.json", "lod-meta.json", is_lod, sgsi_lod_sog_read,
                            sgsi_lod_sog_write, true, NULL},
-    [SGS_MODEL_USDA] = {"usda", ".usda", is_usda, sgsi_usd_read, sgsi_usd_write, false,
+    [SGS_MODEL_USDA] = {"usda", ".usda", is_usd, sgsi_usd_read, sgsi_usd_write, false,
                         sgsi_usd_read_colors},
     [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write, true, NULL},
 };
@@ -180,6 +200,10 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: is a compressed model; write it as PLY with 'sparegs decompress'",
                          path);
+    if (is_zip(bytes, size) && ends_with(path, ".usdz")) {
+        *format = SGS_MODEL_USDA;
+        return SGS_STATUS_OK;
+    }
     const bool named = sgs_model_format_of_name(path, format),
                has_mark = !named || table[*format].matches;
     if (named && (opened || !size || (has_mark && table[*format].matches(bytes, size))))

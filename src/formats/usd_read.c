@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "formats/archive.h"
 #include "formats/color_marks.h"
 #include "formats/usd_splats.h"
 
@@ -40,7 +41,7 @@ typedef struct usd_reader {
     } open[MOST_DEPTH + 1];              // by depth: the open prims
     bool z_up;
     bool colors_only; // skips the arrays, without warnings
-    bool composed;    // names other layers
+    bool composed;    // names other layers, or its package may contain some
     sgsi_usd_splats *prims;
     size_t prim_count, prim_capacity;
     sgs_model_colors colors; // of the first prim
@@ -380,13 +381,43 @@ static sgs_status read_layer(usd_reader *reader)
     return status;
 }
 
+static bool is_zip(const char *path)
+{
+    char mark[4];
+    FILE *stream;
+    size_t size;
+    if (sgsi_file_open(path, &stream, &size))
+        return false;
+    const bool is = fread(mark, 1, 4, stream) == 4 && !memcmp(mark, "PK\3\4", 4);
+    fclose(stream);
+    return is;
+}
+
+// The first file of a package (.usdz) is its root layer.
+static sgs_status read_package(const char *path, uint8_t **bytes, size_t *size)
+{
+    sgsi_archive archive;
+    const sgsi_archive_entry *first = NULL;
+    sgs_status status = sgsi_archive_open(&archive, path);
+    for (size_t k = 0; !status && k < archive.entry_count; ++k)
+        if (!first || archive.entries[k].offset < first->offset)
+            first = &archive.entries[k];
+    if (!status)
+        status = first ? sgsi_archive_read(&archive, first->name, SIZE_MAX, bytes, size)
+                       : sgsi_fail(SGS_STATUS_FORMAT, "%s: is an empty ZIP file", path);
+    sgsi_archive_close(&archive);
+    return status;
+}
+
 // Reads the whole text. Close the reader also after a failure.
 static sgs_status open_reader(const char *path, bool colors_only, usd_reader **made)
 {
-    uint8_t *bytes;
+    uint8_t *bytes = NULL;
     size_t size;
     *made = NULL;
-    const sgs_status status = sgsi_file_read(path, 0, &bytes, &size);
+    const bool package = is_zip(path);
+    const sgs_status status =
+        package ? read_package(path, &bytes, &size) : sgsi_file_read(path, 0, &bytes, &size);
     if (status)
         return status;
     usd_reader *reader = *made = sgsi_calloc(1, sizeof *reader);
@@ -403,9 +434,15 @@ static sgs_status open_reader(const char *path, bool colors_only, usd_reader **m
     reader->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     if (!reader->c_locale)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
+    if (size >= 8 && !memcmp(bytes, "PXR-USDC", 8))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: %s binary OpenUSD, which is not read; convert it to text with "
+                         "'usdcat%s %s -o X.usda'",
+                         path, package ? "contains" : "is", package ? " -f" : "", path);
     if (size < 5 || memcmp(bytes, "#usda", 5))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: is not OpenUSD text: it does not begin with #usda",
-                         path);
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s OpenUSD text: it does not begin with #usda",
+                         path, package ? "its first file is not" : "is not");
+    reader->composed = package;
     return read_layer(reader);
 }
 

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Reading OpenUSD text: several prims, transforms, the fallbacks of the schema. Expected values
-// follow from the documentation of UsdGeomXformable and the ParticleField schemas.
+// Reading OpenUSD: several prims, transforms, the fallbacks of the schema, packages. Expected
+// values follow from the documentation of UsdGeomXformable and the ParticleField schemas.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -477,6 +477,111 @@ static void missing_values_have_the_fallbacks_of_the_schema(void **state)
     temp_folder_remove(&folder);
 }
 
+static size_t put_le(unsigned char *to, size_t bytes, size_t value)
+{
+    for (size_t k = 0; k < bytes; ++k)
+        to[k] = (unsigned char)(value >> (8 * k));
+    return bytes;
+}
+
+// A package as the USDZ specification describes it: a ZIP file with stored files, whose data begin
+// at multiples of 64 bytes. The directory lists them in reverse. Returns its size.
+static size_t package(unsigned char *zip, const char *const files[2][2], const size_t sizes[2])
+{
+    size_t at = 0, starts[2];
+    for (int k = 0; k < 2; ++k) {
+        const size_t name = strlen(files[k][0]), pad = 64 - (at + 30 + name) % 64;
+        starts[k] = at;
+        memset(zip + at, 0, 30);
+        memcpy(zip + at, "PK\3\4\12", 5);
+        put_le(zip + at + 18, 4, sizes[k]);
+        put_le(zip + at + 22, 4, sizes[k]);
+        put_le(zip + at + 26, 2, name);
+        put_le(zip + at + 28, 2, pad);
+        memcpy(zip + at + 30, files[k][0], name);
+        memset(zip + at + 30 + name, 0, pad);
+        memcpy(zip + at + 30 + name + pad, files[k][1], sizes[k]);
+        at += 30 + name + pad + sizes[k];
+    }
+    const size_t directory = at;
+    for (int k = 1; k >= 0; --k) {
+        const size_t name = strlen(files[k][0]);
+        memset(zip + at, 0, 46);
+        memcpy(zip + at, "PK\1\2\12", 5);
+        put_le(zip + at + 20, 4, sizes[k]);
+        put_le(zip + at + 24, 4, sizes[k]);
+        put_le(zip + at + 28, 2, name);
+        put_le(zip + at + 42, 4, starts[k]);
+        memcpy(zip + at + 46, files[k][0], name);
+        at += 46 + name;
+    }
+    memset(zip + at, 0, 22);
+    memcpy(zip + at, "PK\5\6", 4);
+    put_le(zip + at + 8, 2, 2);
+    put_le(zip + at + 10, 2, 2);
+    put_le(zip + at + 12, 4, at - directory);
+    put_le(zip + at + 16, 4, directory);
+    return at + 22;
+}
+
+static void packages_are_read(void **state)
+{
+    (void)state;
+    static const char text[] = "#usda 1.0\n" SPLATS "\n{\n" ALL "}\n",
+                      binary[] = "PXR-USDC\0\10\0\0\0\0\0\0",
+                      other[] = "#usda 1.0\ndef Xform \"W\" {}";
+    static const struct {
+        const char *name, *layer, *content;
+        size_t size;
+        const char *message; // NULL: it is read
+        sgs_status status;
+    } cases[] = {
+        {"a.usdz", "default.usda", text, sizeof text - 1, NULL, 0},
+        {"a.zip", "b.usd", text, sizeof text - 1, NULL, 0},
+        {"a.usdz", "b.usdc", binary, sizeof binary - 1,
+         "contains binary OpenUSD, which is not read; convert it to text with 'usdcat -f ",
+         SGS_STATUS_UNSUPPORTED},
+        {"a.bin", "b.usd", binary, sizeof binary - 1, "contains binary OpenUSD",
+         SGS_STATUS_UNSUPPORTED},
+        {"a.usdz", "b.usda", other, sizeof other - 1,
+         "with positions; add those of other files with 'usdcat -f'", SGS_STATUS_FORMAT},
+        {"a.usdz", "b.txt", other + 1, sizeof other - 2, "its first file is not OpenUSD text",
+         SGS_STATUS_FORMAT},
+        {"a.zip", "b.txt", text, sizeof text - 1, "has no file 'meta.json'", SGS_STATUS_FORMAT},
+    };
+    const temp_folder folder = temp_folder_make();
+    unsigned char zip[4096];
+    sgs_gaussians *model;
+    sgs_model_info info;
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        const char *const files[2][2] = {{cases[k].layer, cases[k].content}, {"0.png", "pixels"}};
+        const size_t sizes[2] = {cases[k].size, 6};
+        char *path = strdup(temp_path(&folder, cases[k].name));
+        file_put(path, zip, package(zip, files, sizes));
+        if (cases[k].message) {
+            model_refused(path, cases[k].status, cases[k].message, cases[k].layer);
+        } else {
+            if (sgs_model_read(path, NULL, &model, &info))
+                fail_msg("%s", sgs_last_error());
+            assert_int_equal(info.format, SGS_MODEL_USDA);
+            assert_int_equal(model->count, 1);
+            sgs_gaussians_destroy(model);
+        }
+        free(path);
+    }
+    static const char *const names[] = {"a.usdc", "a.usd", "a.usda"};
+    for (int k = 0; k < 3; ++k) {
+        file_put(temp_path(&folder, names[k]), binary, sizeof binary - 1);
+        model_refused(temp_path(&folder, names[k]), SGS_STATUS_UNSUPPORTED,
+                      "is binary OpenUSD, which is not read; convert it to text with 'usdcat ",
+                      names[k]);
+    }
+    file_put(temp_path(&folder, "b.usd"), text, sizeof text - 1);
+    assert_int_equal(sgs_model_read(temp_path(&folder, "b.usd"), NULL, &model, &info), 0);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -486,6 +591,7 @@ int main(void)
         cmocka_unit_test(all_prims_are_joined),
         cmocka_unit_test(variants_are_refused),
         cmocka_unit_test(missing_values_have_the_fallbacks_of_the_schema),
+        cmocka_unit_test(packages_are_read),
     };
     return cmocka_run_group_tests(tests, warnings_begin, NULL);
 }

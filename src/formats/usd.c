@@ -3,7 +3,9 @@
 
 // Writes OpenUSD text (.usda): one ParticleField3DGaussianSplat of the usdVol schema
 // (OpenUSD 26.03) and the cameras. Scales and opacities are linear, SH raw and primitive-major. The
-// sorting hint is rayHitDistance: the order of the hits of each ray, as this program renders.
+// sorting hint is rayHitDistance: the order of the hits of each ray, as this program renders. The
+// names of colour spaces are those of GfColorSpaceNames: OpenUSD resolves no others, such as
+// srgb_rec709_display, which some exporters write.
 //
 // USD is y-up, the model x right, y down, z front: y and z change their signs, in the data and not
 // by a transform, because renderers may not rotate SH with a prim.
@@ -160,7 +162,7 @@ static void write_layer(FILE *stream, const sgs_gaussians *model,
           "        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {\n",
           stream);
     fprintf(stream, "        uniform token colorSpace:name = \"%s\"\n",
-            options->colors.space == SGS_SPACE_LINEAR ? "lin_rec709_scene" : "srgb_rec709_display");
+            options->colors.space == SGS_SPACE_LINEAR ? "lin_rec709_scene" : "srgb_rec709_scene");
     if (options->colors.white_point > 0.0)
         fprintf(stream, "        custom uniform double sparegs:whitePoint = %.9g\n",
                 options->colors.white_point);

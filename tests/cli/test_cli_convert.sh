@@ -69,7 +69,7 @@ run 0 convert "$ply" "$temporary/a.usda" "$room" --downscale 8
 check there_is_a_camera_per_view test "$(grep -c 'def Camera' "$temporary/a.usda")" = 35
 check distortion_is_mentioned grep -q 'cameras in usda have no lens distortion; that of 35' "$temporary/stderr"
 odd="$temporary/a$(printf '\377').usda"
-sed 's/srgb_rec709_display/srgb_p3d65_display/' "$temporary/a.usda" >"$odd"
+sed 's/srgb_rec709_scene/srgb_p3d65_display/' "$temporary/a.usda" >"$odd"
 run 0 info "$odd" --json
 json "$temporary/stdout" '.warnings | any(endswith("a?.usda: colour space \u0027srgb_p3d65_display\u0027 is read as sRGB with Rec. 709 primaries"))'
 

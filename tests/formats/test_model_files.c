@@ -486,7 +486,7 @@ static void colors_are_recorded(void **state)
          {"comment ColorSpace: srgb\n", "comment ColorSpace: linear\n"},
          "WhitePoint: 5.25\n"},
         {"a.usda",
-         {"uniform token colorSpace:name = \"srgb_rec709_display\"\n",
+         {"uniform token colorSpace:name = \"srgb_rec709_scene\"\n",
           "uniform token colorSpace:name = \"lin_rec709_scene\"\n"},
          "double sparegs:whitePoint = 5.25\n"},
         {"a.glb",
@@ -586,6 +586,8 @@ static void foreign_colors_are_read(void **state)
          "'lin_ap1_scene' is read as"},
         {"a.usda", "lin_rec709_scene", "g22_rec709_scene", true, 0, 5.25, "is read as sRGB"},
         {"a.usda", "lin_rec709_scene", "lin_rec709_display", true, 1, 5.25, NULL},
+        {"a.usda", "lin_rec709_scene", "srgb_rec709_display", true, 0, 5.25, NULL}, // of 3dgrut
+        {"a.usda", "lin_rec709_scene", "srgb_rec709_scene", true, 0, 5.25, NULL},
         {"a.glb", "lin_rec709_display", "lin\\np3d65_display", true, 0, 5.25,
          "'lin?p3d65_display'"},
         {"a.glb", "lin_rec709_display", "lin_p3d65_display0", true, 1, 5.25, "is read as linear"},

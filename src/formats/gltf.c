@@ -59,6 +59,7 @@ typedef struct glb_file {
     bool decoding;           // the second traversal; the first one counts
     sgs_model_colors colors; // of the first primitive
     bool quiet, mixed;       // no warnings; primitives differ in their colour space
+    bool other_kernel;       // one has another kernel than "ellipse"
 } glb_file;
 
 typedef struct glb_accessor {
@@ -237,6 +238,23 @@ static void read_colors(glb_file *file, const json_t *primitive, const json_t *s
     file->mixed = file->mixed || own.space != file->colors.space;
 }
 
+// The extension says that programs that do not know a kernel fall back to ellipses.
+static void check_kernel(glb_file *file, const json_t *splatting)
+{
+    const char *kernel = json_string_value(json_object_get(splatting, "kernel"));
+    char shown[64];
+    if (!kernel || !strcmp(kernel, "ellipse") || file->other_kernel)
+        return;
+    file->other_kernel = true;
+    snprintf(shown, sizeof shown, "%s", kernel);
+    for (char *at = shown; *at; ++at) // of an untrusted file
+        if ((unsigned char)*at < 32 || (unsigned char)*at > 126)
+            *at = '?';
+    if (!file->quiet)
+        sgsi_warn("%s: kernel '%s' is unknown; its splats are read as ellipsoids", file->path,
+                  shown);
+}
+
 // KHR_gaussian_splatting_compression_spz_2 and its relatives.
 static bool is_compressed(const json_t *splatting)
 {
@@ -285,6 +303,7 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
             continue;
         }
         read_colors(file, primitive, splatting);
+        check_kernel(file, splatting);
         file->total += opened.mean.count;
         file->sh_degree = opened.sh_degree > file->sh_degree ? opened.sh_degree : file->sh_degree;
         if (file->total > file->size / LEAST_ROW_BYTES)

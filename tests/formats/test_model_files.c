@@ -647,6 +647,46 @@ static void foreign_colors_are_read(void **state)
     temp_folder_remove(&folder);
 }
 
+// KHR_gaussian_splatting: programs that do not know a kernel read its splats as ellipses.
+static void other_kernels_are_reported(void **state)
+{
+    static const char *const cases[][3] = {
+        {"\"ellipse\"", "\"surflet\"",
+         "a.glb: kernel 'surflet' is unknown; its splats are read as"},
+        {"\"ellipse\"", "\"\\u0007a\"", "a.glb: kernel '?a' is unknown"},
+        {"\"ellipse\"", "\"ellipse\"", NULL},
+        {"\"kernel\"", "\"kernal\"", NULL},
+    };
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.glb");
+    sgs_gaussians *model = model_random(5, 1), *back;
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        uint8_t *bytes;
+        size_t size;
+        sgs_model_colors colors;
+        assert_int_equal(sgs_model_write(path, model, NULL, NULL), SGS_STATUS_OK);
+        assert_int_equal(sgsi_file_read(path, 0, &bytes, &size), SGS_STATUS_OK);
+        memcpy(bytes + find_text(bytes, size, cases[k][0]), cases[k][1], strlen(cases[k][1]));
+        file_put(path, bytes, size);
+        sgsi_free(bytes);
+        warnings_begin(state);
+        assert_int_equal(sgs_model_read_colors(path, &colors), SGS_STATUS_OK);
+        assert_string_equal(warnings, "");
+        if (sgs_model_read(path, NULL, &back, NULL))
+            fail_msg("%s", sgs_last_error());
+        sgs_warning_handler_set(NULL, NULL);
+        if (cases[k][2])
+            assert_holds(warnings, cases[k][2]);
+        else
+            assert_string_equal(warnings, "");
+        for (size_t i = 0; i < 5; ++i)
+            assert_true(model_value(back, i, 0) == model_value(model, i, 0));
+        sgs_gaussians_destroy(back);
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -663,6 +703,7 @@ int main(void)
         cmocka_unit_test(colors_are_recorded),
         cmocka_unit_test(glb_fallback_colors_are_linear),
         cmocka_unit_test(foreign_colors_are_read),
+        cmocka_unit_test(other_kernels_are_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

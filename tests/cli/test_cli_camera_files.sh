@@ -29,6 +29,49 @@ run 2 render "$model" --camera "$temporary/twos.chan" --size 16x12 --first-frame
 one_line
 reports "--first-frame has no effect on a .chan file, which numbers its frames"
 
+# usda_cameras_fit_usda_models: a primitive 0.7 right of, 0.4 above and 5 in front of a camera with f 80 x 100 and the
+# principal point 30, 26 is at 30 + 80 0.7 / 5 = 41.2, 26 - 100 0.4 / 5 = 18 in its image
+cat >"$temporary/seen.usda" <<'END'
+#usda 1.0
+def ParticleField3DGaussianSplat "P"
+{
+    point3f[] positions = [(-0.984, -0.68, -4.312)]
+    quatf[] orientations = [(1, 0, 0, 0)]
+    float3[] scales = [(0.1, 0.1, 0.1)]
+    float[] opacities = [0.9]
+    uniform int radiance:sphericalHarmonicsDegree = 0
+    float3[] radiance:sphericalHarmonicsCoefficients = [(1, 1, 1)]
+}
+END
+echo '[{"id": 0, "img_name": "a", "width": 64, "height": 48, "position": [1, -2, 0.5], "fx": 80, "fy": 100, "cx": 30, "cy": 26,
+    "rotation": [[0.8, 0.36, -0.48], [0, 0.8, 0.6], [0.6, -0.48, 0.64]]}]' >"$temporary/seen.json"
+run 0 convert "$temporary/seen.usda" "$temporary/seen.ply" # y down
+run 0 convert "$temporary/seen.ply" "$temporary/model.usda"
+run 0 render "$temporary/seen.ply" --camera "$temporary/seen.json" --aov rgba --save-cameras usda -o "$temporary/seen"
+oiiotool "$temporary/seen/a.exr" --ch A -o "$temporary/alpha.exr"
+oiiotool --dumpdata "$temporary/alpha.exr" | sed -n 's/.*Pixel (\([0-9]*\), \([0-9]*\)): /\1 \2 /p' |
+    awk '{ a += $3; x += $3 * ($1 + 0.5); y += $3 * ($2 + 0.5) } END { print x / a, y / a }' >"$temporary/pixel"
+check the_pixel_by_hand awk '{ exit !(($1 - 41.2) ^ 2 + ($2 - 18) ^ 2 < 0.01) }' "$temporary/pixel"
+camera="$temporary/seen/cameras.usda"
+check both_are_y_up test "$(grep -hc 'upAxis = "Y"' "$camera" "$temporary/model.usda" | tr -d '\n')" = 11
+check no_other_transforms test "$(cat "$camera" "$temporary/model.usda" | grep -o 'xformOp:[a-z]*' | tr '\n' ' ')" = \
+    'xformOp:transform xformOp:transform '
+value() { sed -n "/ $1.timeSamples/,/}/s/^ *0: *//p" "$camera" | tr -d '(),\n'; echo; }
+for name in focalLength horizontalAperture verticalAperture horizontalApertureOffset verticalApertureOffset xformOp:transform; do
+    value "$name"
+done | tr '\n' ' ' >"$temporary/film"
+sed -n '/ positions = /{n;p}' "$temporary/model.usda" | tr -d '(),' >"$temporary/center"
+check the_pixel_by_the_files awk '
+    FILENAME ~ /film$/ { for (k = 1; k <= NF; ++k) c[k] = $k } # focal length, apertures, offsets, rows of the matrix
+    FILENAME ~ /center$/ {
+        for (k = 0; k < 3; ++k)
+            p[k] = ($1 - c[18]) * c[6 + 4 * k] + ($2 - c[19]) * c[7 + 4 * k] + ($3 - c[20]) * c[8 + 4 * k]
+        u = 64 * (0.5 + (c[1] * p[0] / -p[2] - c[4]) / c[2]) # looks along -z, y is up
+        v = 48 * (0.5 - (c[1] * p[1] / -p[2] - c[5]) / c[3])
+    }
+    FILENAME ~ /pixel$/ { print u, v, $0; exit !(-p[2] > 4.9 && ($1 - u) ^ 2 + ($2 - v) ^ 2 < 0.01) }' \
+    "$temporary/film" "$temporary/center" "$temporary/pixel"
+
 # chan_angles_are_continuous: pitch beyond straight up, yaw over 180 degrees, roll by more than a full turn
 printf '%s 0 0 0 %s %s %s 50\n' 1 70 150 0 2 80 165 40 3 91 180 80 4 100 195 120 5 110 210 160 6 120 225 200 7 130 240 240 \
     8 140 255 280 9 150 270 320 10 160 285 360 11 170 300 400 12 180 315 440 >"$temporary/turns.chan"

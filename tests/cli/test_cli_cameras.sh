@@ -139,7 +139,7 @@ jq -r '.[] | [.rotation[0][2], .rotation[1][2], .rotation[2][2], .rotation[0][1]
       if (error > worst) worst = error }
     END { exit !(NR == 5 && worst < 1e-4) }'
 check chan_has_the_same_cameras test $? -eq 0
-# positions_project_to_their_pixels: P of frame 3 by the line of the .chan and by the samples of the .usda
+# positions_project_to_their_pixels: P of frame 3 by the line of the .chan, and with y up by the samples of the .usda
 oiiotool "$temporary/level/orbit_00003.exr" --ch P.X,P.Y,P.Z,A -o "$temporary/points.exr" # A comes first in the file
 oiiotool --dumpdata "$temporary/points.exr" | sed -n 's/.*Pixel (\([0-9]*\), \([0-9]*\)): /\1 \2 /p' | awk '$3 > 0.3' >"$temporary/points"
 sample() { sed -n "/ $1.timeSamples/,/}/s/^ *3: *//p" "$temporary/level/cameras.usda" | tr -d '(),'; }
@@ -158,7 +158,7 @@ check positions_project_to_their_pixels awk -v w=60 -v h=40 '
         f = h / 2 * cos(c[8] * r / 2) / sin(c[8] * r / 2)
         error = off(w / 2 - f * x / z - $1 - 0.5) + off(h / 2 + f * y / z - $2 - 0.5)
         for (k = 0; k < 3; ++k)
-            p[k] = ($4 - c[24]) * c[12 + 4 * k] + ($5 - c[25]) * c[13 + 4 * k] + ($6 - c[26]) * c[14 + 4 * k]
+            p[k] = ($4 - c[24]) * c[12 + 4 * k] + (-$5 - c[25]) * c[13 + 4 * k] + (-$6 - c[26]) * c[14 + 4 * k]
         error += off(w * (0.5 - p[0] / p[2] * c[9] / c[10]) - $1 - 0.5) + off(h * (0.5 + p[1] / p[2] * c[9] / c[11]) - $2 - 0.5)
         if (!(error < 1e-3)) ++bad
         ++n

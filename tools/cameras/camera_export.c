@@ -1,9 +1,10 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// World axes are those of the scene, so that exported cameras fit the position AOV and the
-// worldToCamera matrix of the EXR files. .chan and USD cameras look down their -z axis with y up,
-// ours look down z with y down: camera y and z change sign.
+// World axes of .chan are those of the scene, so that its cameras fit the position AOV and the
+// worldToCamera matrix of the EXR files. Those of USD are y-up, as in the .usda models that this
+// program writes: world y and z change sign, a turn by 180 degrees about x. .chan and USD cameras
+// look down their -z axis with y up, ours look down z with y down: camera y and z change sign.
 //
 // .chan: frame, translation, rotation in degrees (order ZXY: about z first, then x, then y; Nuke's
 // default), vertical field of view in degrees. Programs interpolate each angle between frames, so
@@ -147,10 +148,15 @@ static void write_usda(FILE *out, const camera_list *list, double fps)
     usd_samples(out, list, "horizontalApertureOffset", offsetof(film, offset_x));
     usd_samples(out, list, "verticalApertureOffset", offsetof(film, offset_y));
     fputs("    matrix4d xformOp:transform.timeSamples = {\n", out);
-    for (size_t i = 0; i < list->count; ++i) { // row vectors: a row is an axis
+    for (size_t i = 0; i < list->count; ++i) { // row vectors: a row is an axis, or the centre
         double a[9], c[3];
         graphics_axes(&list->cameras[i].pose, a);
         sgs_pose_center(&list->cameras[i].pose, c);
+        for (int k = 0; k < 3; ++k) { // y-up; without -0
+            a[3 + k] = 0 - a[3 + k];
+            a[6 + k] = 0 - a[6 + k];
+            c[k] = k ? 0 - c[k] : c[k];
+        }
         fprintf(out,
                 "        %d: ((%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 0), "
                 "(%.12g, %.12g, %.12g, 0), (%.12g, %.12g, %.12g, 1)),\n",

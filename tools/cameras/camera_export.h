@@ -3,7 +3,8 @@
 #pragma once
 
 // Cameras as files for other programs: cameras.json (3DGS), .chan (Nuke, Blender, Houdini) and
-// OpenUSD text (.usda). The last two cannot store lens distortion.
+// OpenUSD text (.usda). The last two cannot store lens distortion. The world axes are those of the
+// scene, but y-up in .usda, as in models written as .usda.
 
 #include "cameras/camera_file.h"
 #include "sparegs/model_file.h"

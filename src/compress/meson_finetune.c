@@ -4,11 +4,10 @@
 // MesonGS (Xie et al. 2024), section 3.5, with the constants of the released code. Every step
 // quantises the values, renders the decoded model in a random training view and passes the gradient
 // straight through quantiser and transform: the transform is orthonormal, so the gradient with
-// respect to a decoded value is that of the value before. Adam with the rates of 3DGS times 0.4.
-// Every 400 steps all training views are rendered; the best state is kept.
-//
-// Difference: the rate of the scales, which are logarithms, is not multiplied by the extent of the
-// scene.
+// respect to a decoded value is that of the value before. Adam with the rates of the release times
+// 0.4, its factor for most indoor scenes; the rate of the scales is 0.001 times the extent of the
+// scene, although they are logarithms. Every 400 steps all training views are rendered; the best
+// state is kept.
 
 #include "compress/meson_finetune.h"
 
@@ -21,8 +20,9 @@
 
 enum { CHECK_INTERVAL = 400, VALUES = SGSI_MESON_VALUES, DIMENSIONS = 8 };
 static const double FACTOR = 0.4;
-static const double LR_OPACITY = 0.025, LR_ROTATION = 1e-3, LR_DC = 2.5e-3, LR_SCALE = 5e-3,
-                    LR_REST = 2.5e-3 / 20;
+static const double LR_OPACITY = 0.05, LR_ROTATION = 1e-3, LR_DC = 2.5e-3,
+                    LR_SCALE = 1e-3, // times the extent
+    LR_REST = 2.5e-3 / 20;
 
 // Parameters with both moments of Adam and a copy of the best state.
 typedef struct tuned {
@@ -59,12 +59,12 @@ static void tuned_free(tuned *t)
     sgsi_free(t->best);
 }
 
-static double rate_of(size_t value)
+double sgsi_meson_rate(size_t value, double extent)
 {
     return FACTOR * (value == 0  ? LR_OPACITY
                      : value < 5 ? LR_ROTATION
                      : value < 8 ? LR_DC
-                                 : LR_SCALE);
+                                 : LR_SCALE * extent);
 }
 
 // Gradients and steps of the values of the cells [begin, end).
@@ -73,6 +73,9 @@ static void step_cells(void *context, size_t begin, size_t end, int thread)
     (void)thread;
     const meson_tuning *t = context;
     const sgs_gaussians *d = t->views.d_model;
+    double rates[VALUES];
+    for (size_t k = 0; k < VALUES; ++k)
+        rates[k] = sgsi_meson_rate(k, t->job->options->scene->extent);
     for (size_t i = begin; i < end; ++i) {
         float g[VALUES], dot = 0;
         const size_t at = i * VALUES;
@@ -88,7 +91,7 @@ static void step_cells(void *context, size_t begin, size_t end, int thread)
             g[8 + k] = *sgs_gaussians_at(d, i, SGS_PARAM_SCALE + k);
         }
         for (size_t k = 0; k < VALUES; ++k)
-            sgsi_adam_update(&t->adam, (double)g[k], rate_of(k), &t->cells.values[at + k],
+            sgsi_adam_update(&t->adam, (double)g[k], rates[k], &t->cells.values[at + k],
                              &t->cells.m[at + k], &t->cells.v[at + k]);
     }
 }

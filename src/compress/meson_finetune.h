@@ -10,3 +10,6 @@
 // Trains values and codebook for `iterations` steps on the training views of the job's scene and
 // leaves the state with the best PSNR over them, quantised.
 sgs_status sgsi_meson_finetune(const sgsi_compress_job *job, sgsi_meson *meson, int iterations);
+
+// Learning rate of value `value` < SGSI_MESON_VALUES of a cell in a scene of this extent.
+double sgsi_meson_rate(size_t value, double extent);

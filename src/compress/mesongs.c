@@ -8,7 +8,7 @@
 // Importance: sum over the training views of the blending weights, times (volume / v90)^0.1, v90
 // the volume at rank int(0.9 N) from above. Without a scene the opacity replaces the sum.
 // Primitives of one octree cell are merged by plain means. The codebook starts uniform in the range
-// of all entries; in each of 1000 steps 65536 rows are drawn and code = 0.8 code + 0.2 (sum w x) /
+// of all entries; in each of 1000 steps 262144 rows are drawn and code = 0.8 code + 0.2 (sum w x) /
 // (sum w + 1e-5), w the importance over its maximum, so that unused codes decay, as released.
 //
 // Differences: cells are stored in Morton order, as differences in 7-bit groups; the cell of the
@@ -27,7 +27,7 @@
 #include "sparegs/prune.h"
 #include "prune/scores.h"
 
-enum { BATCH = 65536, FINETUNE = 8000, DEPTH = 20, BLOCKS = 57, CODES = 2048, DEPTH_MOST = 21 };
+enum { BATCH = 262144, FINETUNE = 8000, DEPTH = 20, BLOCKS = 57, CODES = 2048, DEPTH_MOST = 21 };
 static const double DECAY = 0.8, SMOOTHING = 1e-5;
 
 typedef struct meson_header {

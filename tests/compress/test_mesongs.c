@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// MesonGS: the transform against its definition, and error bounds from the steps of octree and
-// quantiser. test_cli_compress.sh tests the fine-tuning.
+// MesonGS: the transform against its definition, error bounds from the steps of octree and
+// quantiser, and constants of the released code. test_cli_compress.sh tests the fine-tuning.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -16,6 +16,7 @@
 
 #include "compress/eigen3.h"
 #include "compress/meson_codec.h"
+#include "compress/meson_finetune.h"
 #include "compress/raht.h"
 #include "support/compress_support.h"
 #include "support/files_support.h"
@@ -180,6 +181,54 @@ static void pruning_keeps_the_share(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// arguments/__init__.py and finetuning_setup of the release at e491557, times lr_scale_list * 4 of
+// most of its scenes. Values: opacity, quaternion, band 0, scales.
+static void rates_are_those_of_the_release(void **state)
+{
+    (void)state;
+    const double extent = 3.5;
+    for (size_t k = 0; k < SGSI_MESON_VALUES; ++k) {
+        const double released = k == 0 ? 0.05 : k < 5 ? 0.001 : k < 8 ? 0.0025 : 0.001 * extent;
+        const double rate = sgsi_meson_rate(k, extent);
+        if (!(fabs(rate - 0.1 * 4 * released) <= 1e-15))
+            fail_msg("value %zu: rate %g", k, rate);
+    }
+}
+
+// With one code and equal weights, the code is a moving average of batch means with decay 0.8. Its
+// deviation from the mean of all rows has the variance of the rows / batch * 0.2^2 / (1 - 0.8^2).
+static void codebook_steps_use_the_released_batch(void **state)
+{
+    (void)state;
+    enum { COUNT = 500, DIM = 45 };
+    const double batch = 262144; // batch_size in arguments/__init__.py of the release
+    sgs_gaussians *model = pack_model(COUNT, 3, 6);
+    for (size_t i = 0; i < COUNT; ++i) {
+        *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) = 1;
+        for (int k = 0; k < 3; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) = -4;
+    }
+    sgs_compress_options options = all_kept();
+    options.codebook = 1;
+    options.vq_steps = 100;
+    sgs_gaussians *decoded = through(model, &options);
+    double ratio = 0;
+    for (int d = 0; d < DIM; ++d) {
+        double mean = 0, variance = 0;
+        for (size_t i = 0; i < COUNT; ++i)
+            mean += (double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_REST + d) / COUNT;
+        for (size_t i = 0; i < COUNT; ++i)
+            variance +=
+                pow((double)*sgs_gaussians_at(model, i, SGS_PARAM_SH_REST + d) - mean, 2) / COUNT;
+        const double code = (double)*sgs_gaussians_at(decoded, 0, SGS_PARAM_SH_REST + d);
+        ratio += pow(code - mean, 2) / (variance / batch * 0.04 / 0.36) / DIM;
+    }
+    if (!(ratio > 0.5 && ratio < 1.7)) // 45 dimensions: 1 +- 0.21
+        fail_msg("variance of the code is %g of the expected", ratio);
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -188,6 +237,8 @@ int main(void)
         cmocka_unit_test(positions_are_within_a_cell),
         cmocka_unit_test(attributes_are_within_their_steps),
         cmocka_unit_test(pruning_keeps_the_share),
+        cmocka_unit_test(rates_are_those_of_the_release),
+        cmocka_unit_test(codebook_steps_use_the_released_batch),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

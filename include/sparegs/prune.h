@@ -89,6 +89,7 @@ typedef struct sgs_prune_options {
     size_t camera_count;         // REFINE: > 0; of more than 64 a fixed random subset is used
     double volume_power;         // LightGaussian: exponent of the volume, 0..10; 0.1
     int fisher_downscale;        // PUP: replaces views.downscale; 1..1024; 4
+    float background[3];         // PUP: of the views, in the space of the model; finite; black
     const sgs_rap_network *rap;  // RAP
     sgs_progress_fn progress;    // RAP: called during the computation of the features, or NULL
     void *progress_user;

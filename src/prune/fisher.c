@@ -39,6 +39,7 @@ typedef struct fisher_job {
     double (*sums)[SGSI_FISHER_ENTRIES]; // [model->count]
     const sgs_gaussians *model;
     sgsi_fisher_kernel kernel;
+    const float *background;
     fisher_scratch *scratch; // [threads]
     // Of the view.
     const sgsi_traced_view *traced;
@@ -135,6 +136,8 @@ static void visit_tile(void *context, size_t item, int thread)
             }
         set_directions(job, &job->traced->view->rays->tiles[tile], b, &s->block);
         s->block.near_distance = job->camera.near_distance;
+        for (int c = 0; c < 3; ++c)
+            s->block.background[c] = (double)job->background[c];
         s->block.count = count;
         s->block.entries = entries;
         s->block.primitives = s->primitives;
@@ -216,11 +219,12 @@ static sgs_status visit_view(void *context, const sgsi_traced_view *traced)
 static const sgsi_fisher_kernel kernels[SGS_ISA_COUNT] = SGSI_VARIANTS(sgsi_fisher_block);
 
 sgs_status sgsi_fisher_sums(const sgs_gaussians *model, const sgs_scene *scene,
-                            const sgs_view_pass_options *options,
+                            const sgs_view_pass_options *options, const float background[3],
                             double (*sums)[SGSI_FISHER_ENTRIES])
 {
     const int threads = sgsi_threads();
-    fisher_job job = {.sums = sums, .model = model, .kernel = kernels[sgs_isa_get()]};
+    fisher_job job = {
+        .sums = sums, .model = model, .kernel = kernels[sgs_isa_get()], .background = background};
     memset(sums, 0, model->count * sizeof *sums);
     job.scratch = sgsi_calloc((size_t)threads, sizeof *job.scratch);
     if (!job.scratch)
@@ -272,7 +276,8 @@ sgs_status sgsi_pup_scores(const sgs_gaussians *model, const sgs_prune_options *
                          model->count);
     sgs_view_pass_options views = options->views;
     views.downscale = options->fisher_downscale;
-    const sgs_status status = sgsi_fisher_sums(model, options->scene, &views, sums);
+    const sgs_status status =
+        sgsi_fisher_sums(model, options->scene, &views, options->background, sums);
     for (size_t i = 0; i < model->count && !status; ++i)
         scores[i] = sgsi_fisher_log_det((const double *)sums[i]);
     sgsi_free(sums);

@@ -28,6 +28,7 @@ typedef struct sgsi_fisher_primitive {
 typedef struct sgsi_fisher_block {
     _Alignas(64) double direction[3][16]; // unit, world; all 0 for lanes without a ray
     double near_distance;
+    double background[3];
     uint32_t count;
     const uint32_t *entries;                 // [count]: indices into primitives, ids and sums
     const sgsi_fisher_primitive *primitives; // of the tile
@@ -46,11 +47,11 @@ void sgsi_fisher_block_avx2(sgsi_fisher_block *block);
 void sgsi_fisher_block_avx512(sgsi_fisher_block *block);
 #endif
 
-// Sums over all training views, pixels and channels of g g^T, g the gradient of the channel by mean
-// and log scale of the primitive; the background is black. sums: [model->count]; overwritten. Fails
+// Sums over all training views, pixels and channels of g g^T, g the gradient of the channel, over
+// the background, by mean and log scale of the primitive. sums: [model->count]; overwritten. Fails
 // as sgs_contributions does.
 sgs_status sgsi_fisher_sums(const sgs_gaussians *model, const sgs_scene *scene,
-                            const sgs_view_pass_options *options,
+                            const sgs_view_pass_options *options, const float background[3],
                             double (*sums)[SGSI_FISHER_ENTRIES]);
 
 // ln |det| of a matrix, the sum of the logarithms of its singular values. Finite: entries of the

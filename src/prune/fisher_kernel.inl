@@ -11,7 +11,8 @@
 // with v'' = s''^2 and eps^2 the pixel filter's variance. With u these six values plus the gradient
 // of ln o'', alpha = o'' exp(-rho^2 / 2) has the gradient alpha u (the clamp at 0.99 is ignored,
 // as in 3DGS), and the channel c of the pixel
-//     g_c = v_c u + T alpha d color_c / d mean,  v_c = alpha (T color_c - behind_c / (1 - alpha)).
+//     g_c = v_c u + T alpha d color_c / d mean,  v_c = alpha (T color_c - behind_c / (1 - alpha)),
+// behind_c what the hits behind this one and the background add to the pixel.
 
 #include <math.h>
 #include <string.h>
@@ -120,7 +121,7 @@ static inline uint32_t order_lane(const sgsi_fisher_block *block, uint32_t lane)
 static inline void blend_lane(const sgsi_fisher_block *block, uint32_t lane)
 {
     const uint32_t hits = order_lane(block, lane);
-    double transmittance = 1, behind[3] = {0, 0, 0};
+    double transmittance = 1, behind[3];
     uint32_t counted = 0;
     for (; counted < hits; ++counted) {
         const size_t row = 16 * (size_t)block->order[counted] + lane;
@@ -131,6 +132,8 @@ static inline void blend_lane(const sgsi_fisher_block *block, uint32_t lane)
         block->weight[row] = transmittance * alpha;
         transmittance *= 1 - alpha;
     }
+    for (int c = 0; c < 3; ++c)
+        behind[c] = transmittance * block->background[c];
     for (uint32_t k = counted; k-- > 0;) {
         const uint32_t i = block->order[k];
         const sgsi_fisher_primitive *p = &block->primitives[block->entries[i]];

@@ -99,6 +99,10 @@ static sgs_status check_inputs(const sgs_prune_options *options)
         if (!(options->volume_power >= 0 && options->volume_power <= 10))
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "volume power %g is not in [0, 10]",
                              options->volume_power);
+        for (int c = 0; c < 3; ++c)
+            if (!isfinite(options->background[c]))
+                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "background %g is not finite",
+                                 (double)options->background[c]);
         return SGS_STATUS_OK;
     case SGS_PRUNE_REFINE:
         if (!options->cameras || !options->camera_count)

@@ -52,6 +52,17 @@ like_its_run() { # SUFFIX COMMAND ARGUMENT...: the same file of the run and of t
 }
 like_its_run /0001.png render "$room" --view 0001 --format png
 like_its_run "" prune "$room" --method lightgaussian --ratio 0.5
+pup_scores() { # NAME MODEL OPTION...
+    run 0 prune "$2" "$room" --method pup --scores "$temporary/pup_$1.csv" --quiet "${@:3}"
+    check "no_option_of_$1_is_idle" test ! -s "$temporary/stderr"
+}
+pup_scores run "$base"
+pup_scores same "$base" --background 0.2,0.4,0.9
+pup_scores black "$base" --background 0,0,0
+check pup_uses_the_background_of_the_run cmp "$temporary/pup_run.csv" "$temporary/pup_same.csv"
+check the_background_changes_its_scores bash -c "! cmp -s '$temporary/pup_run.csv' '$temporary/pup_black.csv'"
+run 0 prune "$base" "$room" --method lightgaussian --scores "$temporary/x.csv" --background 0,0,0 --quiet
+reports "--background has no effect without --finetune: only --method pup reads it"
 like_its_run "" compress "$room" --method lightgaussian --keep 0.5 --finetune 0 --vq-steps 10
 for name in base derived.ply; do
     run 0 profile "$temporary/$name" "$room" --run "$base" --views 1 --refits 1 --repeat 1 --samples 0 --json

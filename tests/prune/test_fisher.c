@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The Fisher matrices of PUP against finite differences of the reference renderer in double
-// precision, for each pixel filter; the same bits with any number of threads and instruction set;
-// the log determinant against matrices with known eigenvalues.
+// precision, for each pixel filter and three backgrounds; the same bits with any number of threads
+// and instruction set; the log determinant against matrices with known eigenvalues.
 
 #include <math.h>
 #include <setjmp.h>
@@ -33,6 +33,8 @@ static int one_thread(void **state)
 
 typedef double matrix6[SGSI_FISHER_ENTRIES];
 
+static const float black[3];
+
 static const int entry_parameters[6] = {SGS_PARAM_MEAN,  SGS_PARAM_MEAN + 1,  SGS_PARAM_MEAN + 2,
                                         SGS_PARAM_SCALE, SGS_PARAM_SCALE + 1, SGS_PARAM_SCALE + 2};
 
@@ -47,7 +49,7 @@ static void render(const oracle_scene *model, const sgs_camera *camera, const sg
 // outer products. Returns the number of pixels where a hit appeared or vanished.
 static size_t add_differences(const oracle_scene *model, size_t i, const sgs_camera *camera,
                               const sgs_pose *pose, const sgs_render_options *options,
-                              matrix6 fisher)
+                              const float background[3], matrix6 fisher)
 {
     static const double step = 2e-6;
     sgs_reference_frame frames[6][2];
@@ -70,7 +72,10 @@ static size_t add_differences(const oracle_scene *model, size_t i, const sgs_cam
         for (int c = 0; c < 3; ++c) {
             double g[6];
             for (int k = 0; k < 6; ++k)
-                g[k] = (frames[k][1].color[c][p] - frames[k][0].color[c][p]) / (2 * step);
+                g[k] = (frames[k][1].color[c][p] - frames[k][0].color[c][p] +
+                        (double)background[c] *
+                            (frames[k][1].transmittance[p] - frames[k][0].transmittance[p])) /
+                       (2 * step);
             for (int a = 0, at = 0; a < 6; ++a)
                 for (int b = a; b < 6; ++b, ++at)
                     fisher[at] += g[a] * g[b];
@@ -100,7 +105,8 @@ static double worst_error(const matrix6 actual, const matrix6 expected)
     return worst;
 }
 
-static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed)
+static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed,
+                                              const float background[3])
 {
     const oracle_range range = {0.8, 0.06, 0.3, 0.1, 0.9, 0.15};
     oracle_scene model = oracle_random_model(seed, COUNT, &range);
@@ -109,7 +115,7 @@ static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed)
     options.render.filter = filter;
     options.render.filter_3d = model.filter_3d;
     matrix6 *actual = oracle_memory(COUNT, sizeof *actual);
-    assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, actual), 0);
+    assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, background, actual), 0);
     size_t compared = 0;
     for (size_t i = 0; i < COUNT; ++i) {
         matrix6 expected = {0};
@@ -117,7 +123,7 @@ static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed)
         for (size_t v = 0; v < scene->view_count; ++v)
             if (scene->views[v].split == SGS_SPLIT_TRAIN)
                 jumps += add_differences(&model, i, &scene->views[v].camera, &scene->views[v].pose,
-                                         &options.render, expected);
+                                         &options.render, background, expected);
         if (jumps) // not differentiable there
             continue;
         const double error = worst_error(actual[i], expected);
@@ -173,19 +179,33 @@ static void planted_errors_are_found(void **state)
 static void matrices_equal_finite_differences_3dgs(void **state)
 {
     (void)state;
-    matrices_equal_finite_differences(SGS_FILTER_3DGS, 31);
+    matrices_equal_finite_differences(SGS_FILTER_3DGS, 31, black);
 }
 
 static void matrices_equal_finite_differences_none(void **state)
 {
     (void)state;
-    matrices_equal_finite_differences(SGS_FILTER_NONE, 32);
+    matrices_equal_finite_differences(SGS_FILTER_NONE, 32, black);
 }
 
 static void matrices_equal_finite_differences_mip(void **state)
 {
     (void)state;
-    matrices_equal_finite_differences(SGS_FILTER_MIP, 33);
+    matrices_equal_finite_differences(SGS_FILTER_MIP, 33, black);
+}
+
+static void matrices_equal_finite_differences_white(void **state)
+{
+    (void)state;
+    const float white[3] = {1, 1, 1};
+    matrices_equal_finite_differences(SGS_FILTER_3DGS, 34, white);
+}
+
+static void matrices_equal_finite_differences_blue(void **state)
+{
+    (void)state;
+    const float blue[3] = {0.2f, 0.4f, 0.9f};
+    matrices_equal_finite_differences(SGS_FILTER_MIP, 33, blue);
 }
 
 static void the_bits_depend_on_neither_threads_nor_instructions(void **state)
@@ -195,17 +215,17 @@ static void the_bits_depend_on_neither_threads_nor_instructions(void **state)
     sgs_scene *scene = prune_scene(83, 61);
     matrix6 *first = oracle_memory(400, sizeof *first), *other = oracle_memory(400, sizeof *other);
     const sgs_view_pass_options options = sgs_view_pass_options_default();
-    assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, first), 0);
+    assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, black, first), 0);
     for (int threads = 2; threads <= 5; threads += 3) {
         sgsi_threads_set(threads);
-        assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, other), 0);
+        assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, black, other), 0);
         assert_memory_equal(first, other, 400 * sizeof *first);
     }
     sgsi_threads_set(1);
     const sgs_isa best = sgs_isa_get();
     if (best > SGS_ISA_AVX2) {
         assert_int_equal(sgs_isa_set(SGS_ISA_AVX2), 0);
-        assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, other), 0);
+        assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, black, other), 0);
         assert_memory_equal(first, other, 400 * sizeof *first);
         assert_int_equal(sgs_isa_set(best), 0);
     }
@@ -235,7 +255,7 @@ static void the_log_determinant_is_the_sum_over_the_eigenvalues(void **state)
     assert_true(sgsi_fisher_log_det(unseen) < sgsi_fisher_log_det(flat) - 1000);
 }
 
-static void scores_use_the_reduced_size(void **state)
+static void scores_use_the_reduced_size_and_the_background(void **state)
 {
     (void)state;
     oracle_scene model = oracle_random_model(4, COUNT, NULL);
@@ -244,12 +264,13 @@ static void scores_use_the_reduced_size(void **state)
     options.method = SGS_PRUNE_PUP;
     options.scene = scene;
     options.fisher_downscale = 2;
+    options.background[1] = 0.7f;
     double scores[COUNT];
     matrix6 *sums = oracle_memory(COUNT, sizeof *sums);
     assert_int_equal(sgs_prune_scores(model.model, &options, scores), 0);
     sgs_view_pass_options views = sgs_view_pass_options_default();
     views.downscale = 2;
-    assert_int_equal(sgsi_fisher_sums(model.model, scene, &views, sums), 0);
+    assert_int_equal(sgsi_fisher_sums(model.model, scene, &views, options.background, sums), 0);
     for (size_t i = 0; i < COUNT; ++i)
         assert_true(scores[i] == sgsi_fisher_log_det(sums[i]));
     free(sums);
@@ -287,9 +308,11 @@ int main(void)
         cmocka_unit_test(matrices_equal_finite_differences_3dgs),
         cmocka_unit_test(matrices_equal_finite_differences_none),
         cmocka_unit_test(matrices_equal_finite_differences_mip),
+        cmocka_unit_test(matrices_equal_finite_differences_white),
+        cmocka_unit_test(matrices_equal_finite_differences_blue),
         cmocka_unit_test(the_bits_depend_on_neither_threads_nor_instructions),
         cmocka_unit_test(the_log_determinant_is_the_sum_over_the_eigenvalues),
-        cmocka_unit_test(scores_use_the_reduced_size),
+        cmocka_unit_test(scores_use_the_reduced_size_and_the_background),
         cmocka_unit_test(running_out_of_memory_is_an_error),
     };
     return cmocka_run_group_tests(tests, one_thread, NULL);

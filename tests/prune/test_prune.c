@@ -305,6 +305,12 @@ static void missing_inputs_and_cancellation_are_reported(void **state)
     options.views.downscale = 0;
     assert_int_equal(sgs_prune_scores(model.model, &options, scores), SGS_STATUS_INVALID_ARGUMENT);
     options.views.downscale = 1;
+    options.method = SGS_PRUNE_PUP;
+    options.background[2] = NAN;
+    assert_int_equal(sgs_prune_scores(model.model, &options, scores), SGS_STATUS_INVALID_ARGUMENT);
+    assert_string_equal(sgs_last_error(), "background nan is not finite");
+    options = sgs_prune_options_default();
+    options.scene = scene;
     size_t limit = 2;
     options.views.progress = cancel;
     options.views.progress_user = &limit;

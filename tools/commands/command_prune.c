@@ -220,8 +220,10 @@ static void warn_idle_options(const pruning *p)
     if (!p->scene)
         return;
     if (!p->values->finetune)
-        warn_idle(p->line, "masks|invert-masks|alpha|image-cache|input-colorspace|background",
+        warn_idle(p->line, "masks|invert-masks|alpha|image-cache|input-colorspace",
                   "without --finetune: the score reads no photos");
+    if (!p->values->finetune && p->values->method != SGS_PRUNE_PUP)
+        warn_idle(p->line, "background", "without --finetune: only --method pup reads it");
     if (!p->values->finetune && !needs_views(p->values->method))
         // The filter is recorded in OUT.
         warn_idle(p->line,
@@ -319,6 +321,7 @@ static sgs_status view_scores(pruning *p)
     options.views.progress = show_views;
     options.volume_power = p->values->volume_power;
     options.fisher_downscale = p->values->fisher_downscale;
+    memcpy(options.background, p->drawing.background, sizeof options.background);
     options.cameras = (const double(*)[3])p->cameras;
     options.camera_count = p->camera_count;
     return sgs_prune_scores(p->model, &options, p->scores);

@@ -135,13 +135,14 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
 
 // ---- Importance ----
 
+// As Pillow converts to mode L in the released code.
 static int grey(const sgsi_scored_image *image, int x, int y)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height,
                  at = (size_t)y * (size_t)image->width + (size_t)x;
-    return (299 * image->pixels[at] + 587 * image->pixels[plane + at] +
-            114 * image->pixels[2 * plane + at]) /
-           1000;
+    return (19595 * image->pixels[at] + 38470 * image->pixels[plane + at] +
+            7471 * image->pixels[2 * plane + at] + 0x8000) >>
+           16;
 }
 
 // 3x3 edge filter (8 in the centre, -1 around it) of the grey image, clamped to a byte; border

@@ -469,6 +469,36 @@ static void fastgs_scores_average_votes_and_scale_pruning(void **state)
     assert_true(prune_score[0] == 0 && fabsf(prune_score[1] - 0.5f) < 1e-6f && prune_score[2] == 1);
 }
 
+// Pillow 9.4: convert("L") and filter(ImageFilter.FIND_EDGES) of an image of 7 x 6 pixels. Border
+// pixels are the grey itself.
+static void taming_edges_are_those_of_pillow(void **state)
+{
+    (void)state;
+    enum { WIDTH = 7, HEIGHT = 6, STRIDE = 16, PIXELS = WIDTH * HEIGHT };
+    static const uint8_t pixels[3 * PIXELS] = {
+        128, 110, 129, 105, 130, 116, 129, 125, 129, 120, 111, 119, 131, 123, 117, 116, 121, 109,
+        131, 102, 128, 129, 108, 128, 102, 131, 113, 113, 109, 106, 128, 118, 112, 110, 122, 111,
+        104, 121, 119, 110, 108, 127, 104, 131, 126, 112, 131, 125, 116, 115, 104, 129, 106, 126,
+        131, 108, 114, 111, 121, 109, 106, 114, 125, 111, 110, 104, 130, 119, 112, 101, 115, 107,
+        104, 122, 100, 120, 106, 119, 102, 113, 123, 110, 126, 120, 105, 113, 126, 127, 119, 112,
+        131, 100, 112, 102, 124, 118, 114, 125, 125, 108, 112, 117, 122, 131, 121, 120, 109, 119,
+        122, 110, 120, 114, 100, 112, 107, 129, 109, 125, 100, 106, 118, 111, 121, 126, 114, 108};
+    static const int edges[PIXELS] = {111, 123, 127, 112, 129, 121, 122, 116, 0,  58,  0,
+                                      46,  71,  114, 116, 0,   50,  0,   0,   0,  125, 117,
+                                      0,   0,   49,  60,  0,   106, 111, 0,   0,  54,  0,
+                                      36,  110, 115, 104, 115, 122, 112, 119, 121}; // 0 to 129
+    static const float error[STRIDE * HEIGHT];
+    float weights[STRIDE * HEIGHT];
+    const sgsi_scored_image image = {
+        .width = WIDTH, .height = HEIGHT, .stride = STRIDE, .error = error, .pixels = pixels};
+    assert_int_equal(sgsi_pipeline_taming.pixel_weights(&image, NULL, weights), 0);
+    for (int i = 0; i < PIXELS; ++i) {
+        const double weight = (double)weights[i / WIDTH * STRIDE + i % WIDTH];
+        if (!(fabs(weight - 50 * edges[i] / 129.0) <= 1e-4))
+            fail_msg("pixel %d: edge %g, expected %d", i, weight * 129 / 50, edges[i]);
+    }
+}
+
 static void taming_importance_is_the_published_sum(void **state)
 {
     (void)state;
@@ -657,6 +687,7 @@ int main(void)
         cmocka_unit_test(taming_grows_along_its_parabola),
         cmocka_unit_test(taming_draws_by_importance_among_qualifiers),
         cmocka_unit_test(half_of_what_3dgs_would_prune_is_drawn),
+        cmocka_unit_test(taming_edges_are_those_of_pillow),
         cmocka_unit_test(taming_importance_is_the_published_sum),
         cmocka_unit_test(fastgs_grows_only_if_views_agree),
         cmocka_unit_test(fastgs_scales_both_thresholds),

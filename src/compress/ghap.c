@@ -10,9 +10,10 @@
 //     c(i, j) = |mu_i - nu_j|^2 + |Sigma_i - Gamma_j|_F^2,
 //
 // alternating between the assignment of each i to its nearest j (ties share the weight) and the
-// weighted means nu_j, Gamma_j. This is k-means in nine dimensions: mean and the six entries of the
-// covariance, those off the diagonal multiplied by sqrt(2). The primitive nearest to a component
-// supplies SH coefficients and opacity. With a scene the result is trained for 5000 iterations.
+// weighted means nu_j, Gamma_j, until one of both changes the objective by less than 1e-5. This is
+// k-means in nine dimensions: mean and the six entries of the covariance, those off the diagonal
+// multiplied by sqrt(2). The primitive nearest to a component supplies SH coefficients and opacity.
+// With a scene the result is trained for 5000 iterations.
 //
 // Differences from the released code: the tree has fewer levels for models of less than 8192
 // primitives, so that a block has at least 8 (otherwise blocks would lose all of them).
@@ -189,7 +190,24 @@ static size_t nearest_far(const ghap_block *block, const float at[DIMENSIONS])
     return nearest;
 }
 
-// Assigns all points, accumulates the sums of the components; returns the objective.
+static void remove_empty(ghap_block *block)
+{
+    size_t kept = 0;
+    for (size_t j = 0; j < block->m; ++j) {
+        if (!(block->weights[j] > 0))
+            continue;
+        block->weights[kept] = block->weights[j];
+        memmove(block->sums + kept * DIMENSIONS, block->sums + j * DIMENSIONS,
+                DIMENSIONS * sizeof *block->sums);
+        for (size_t d = 0; d < DIMENSIONS; ++d)
+            block->centers[d][kept] = block->centers[d][j];
+        ++kept;
+    }
+    block->m = kept;
+}
+
+// Assigns all points, accumulates the sums of the components and removes those without weight;
+// returns the objective.
 static double assign_points(const ghap_reduction *reduction, ghap_block *block)
 {
     memset(block->sums, 0, block->m * DIMENSIONS * sizeof *block->sums);
@@ -216,21 +234,23 @@ static double assign_points(const ghap_reduction *reduction, ghap_block *block)
         }
         objective += point->weight / block->total * (double)least;
     }
+    remove_empty(block);
     return objective;
 }
 
-// Removes components without weight and moves the others to their means.
-static void move_centers(ghap_block *block)
+// Moves the components to their means; returns by how much the objective decreases. The points of a
+// component are nearer to their mean by the squared distance of the move, on average.
+static double move_centers(ghap_block *block)
 {
-    size_t kept = 0;
-    for (size_t j = 0; j < block->m; ++j) {
-        if (!(block->weights[j] > 0))
-            continue;
-        for (size_t d = 0; d < DIMENSIONS; ++d)
-            block->centers[d][kept] = (float)(block->sums[j * DIMENSIONS + d] / block->weights[j]);
-        ++kept;
-    }
-    block->m = kept;
+    double decrease = 0;
+    for (size_t j = 0; j < block->m; ++j)
+        for (size_t d = 0; d < DIMENSIONS; ++d) {
+            const double mean = block->sums[j * DIMENSIONS + d] / block->weights[j];
+            const double move = mean - (double)block->centers[d][j];
+            decrease += block->weights[j] * move * move;
+            block->centers[d][j] = (float)mean;
+        }
+    return decrease;
 }
 
 // Writes component j: Gamma to rotation and scales, the rest from the nearest member.
@@ -313,10 +333,12 @@ static void reduce_block(void *context, size_t b, int thread)
         double last = INFINITY;
         for (int k = 0; k < ITERATIONS; ++k) {
             const double objective = assign_points(reduction, &block);
-            move_centers(&block);
             if (fabs(last - objective) < TOLERANCE)
                 break;
-            last = objective;
+            const double decrease = move_centers(&block);
+            if (decrease < TOLERANCE)
+                break;
+            last = objective - decrease;
         }
         write_block(reduction, &block, begin);
         reduction->results[b] = block.m;

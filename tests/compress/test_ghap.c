@@ -43,18 +43,24 @@ static void covariance_survives_the_eigen_decomposition(void **state)
     }
 }
 
-static sgs_gaussians *reduced(const sgs_gaussians *model, double keep)
+static sgs_gaussians *reduced_with(const sgs_gaussians *model, double keep, uint64_t seed)
 {
     const temp_folder folder = temp_folder_make();
     sgs_compress_options options = sgs_compress_options_default();
     options.method = SGS_COMPRESS_GHAP;
     options.keep = keep;
+    options.seed = seed;
     options.finetune = 0;
     sgs_gaussians *decoded;
     assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
     assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
     temp_folder_remove(&folder);
     return decoded;
+}
+
+static sgs_gaussians *reduced(const sgs_gaussians *model, double keep)
+{
+    return reduced_with(model, keep, 0);
 }
 
 // Two distant clusters of identical Gaussians and two components: mean and covariance of each
@@ -77,16 +83,7 @@ static void a_cluster_becomes_its_weighted_mean(void **state)
     // k-means depends on its start: some seed has a start in both clusters.
     bool separated = false;
     for (uint64_t seed = 0; seed < 16 && !separated; ++seed) {
-        const temp_folder folder = temp_folder_make();
-        sgs_compress_options options = sgs_compress_options_default();
-        options.method = SGS_COMPRESS_GHAP;
-        options.keep = 0.25;
-        options.seed = seed;
-        options.finetune = 0;
-        sgs_gaussians *decoded;
-        assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
-        assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
-        temp_folder_remove(&folder);
+        sgs_gaussians *decoded = reduced_with(model, 0.25, seed);
         assert_true(decoded->count <= 2);
         if (decoded->count == 2) {
             const int far = *sgs_gaussians_at(decoded, 1, SGS_PARAM_MEAN) > 25 ? 1 : 0;
@@ -102,6 +99,66 @@ static void a_cluster_becomes_its_weighted_mean(void **state)
         sgs_gaussians_destroy(decoded);
     }
     assert_true(separated);
+    sgs_gaussians_destroy(model);
+}
+
+// One step of weighted k-means from two of the points, each of which is nearest to itself: the
+// means of both components.
+static void one_step(const double points[8][3], const double weights[8], const size_t start[2],
+                     double means[2][3])
+{
+    double sums[2][4] = {{0}};
+    for (size_t i = 0; i < 8; ++i) {
+        double cost[2] = {0};
+        for (int c = 0; c < 2; ++c)
+            for (int k = 0; k < 3; ++k)
+                cost[c] += pow(points[i][k] - points[start[c]][k], 2);
+        double *sum = sums[cost[1] < cost[0]];
+        for (int k = 0; k < 3; ++k)
+            sum[k] += weights[i] * points[i][k];
+        sum[3] += weights[i];
+    }
+    for (int c = 0; c < 2; ++c)
+        for (int k = 0; k < 3; ++k)
+            means[c][k] = sums[c][k] / sums[c][3];
+}
+
+// The released code stops after either half of an iteration. Here all objectives are below its
+// tolerance of 1e-5, so the first update of the means is the last one.
+static void a_small_change_after_either_half_step_stops(void **state)
+{
+    (void)state;
+    sgs_gaussians *model = pack_model(8, 0, 3);
+    double points[8][3], weights[8];
+    for (size_t i = 0; i < 8; ++i) {
+        for (int k = 0; k < 3; ++k) {
+            const float x = (float)(1e-3 * sgsi_random_uniform(9, 3 * i + (uint64_t)k));
+            *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k) = x;
+            *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) = -15;
+            points[i][k] = (double)x;
+        }
+        weights[i] = 1 / (1 + exp(-(double)*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY)));
+    }
+    for (uint64_t seed = 0; seed < 16; ++seed) {
+        sgs_gaussians *decoded = reduced_with(model, 0.25, seed);
+        assert_int_equal(decoded->count, 2);
+        double least = INFINITY;
+        for (size_t s = 0; s < 64; ++s) { // some start has this result
+            const size_t start[2] = {s / 8, s % 8};
+            double means[2][3], worst = 0;
+            if (start[0] == start[1])
+                continue;
+            one_step(points, weights, start, means);
+            for (size_t c = 0; c < 2; ++c)
+                for (int k = 0; k < 3; ++k)
+                    worst =
+                        fmax(worst, fabs((double)*sgs_gaussians_at(decoded, c, k) - means[c][k]));
+            least = fmin(least, worst);
+        }
+        if (!(least <= 1e-9))
+            fail_msg("seed %d: not one step from any start, nearest %g", (int)seed, least);
+        sgs_gaussians_destroy(decoded);
+    }
     sgs_gaussians_destroy(model);
 }
 
@@ -187,6 +244,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(covariance_survives_the_eigen_decomposition),
         cmocka_unit_test(a_cluster_becomes_its_weighted_mean),
+        cmocka_unit_test(a_small_change_after_either_half_step_stops),
         cmocka_unit_test(keeping_all_changes_no_covariance),
         cmocka_unit_test(counts_are_the_share_to_keep),
         cmocka_unit_test(fine_tuning_applies_the_3d_filter),

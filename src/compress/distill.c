@@ -4,8 +4,9 @@
 // LightGaussian (Fan et al. 2024), section 3.3, with the constants of the released code. The
 // teacher is the model, the student its copy without band 3. The student learns the renders of the
 // teacher: every third step in a training view, otherwise in a pseudo view, a training view whose
-// centre is moved by normal noise of 0.05 world units per axis. Opacities are fixed; the learning
-// rate of the positions is the final one of 3DGS; all learning rates decay by 0.9 every 500 steps.
+// centre is moved by normal noise of 0.05 world units per axis. Opacities are fixed; the rest is
+// trained by AdamW with decay 0.01. The learning rate of the positions continues that of 3DGS,
+// extended to 40000 iterations, from iteration 30000 on; the others decay by 0.9 every 500 steps.
 
 #include "compress/distill.h"
 
@@ -18,7 +19,9 @@
 #include "image/half.h"
 
 enum { DEGREE = 2, PSEUDO_PERIOD = 3, DECAY_INTERVAL = 500, TRAINED = SGS_PARAM_SH_REST + 24 };
-static const double NOISE = 0.05, DECAY = 0.9, LR_MEAN = 1.6e-6;
+enum { FIRST = 30000, LAST = 40000 }; // iterations of the teacher and of both
+static const double NOISE = 0.05, DECAY = 0.9, WEIGHT_DECAY = 0.01;
+static const double LR_MEAN_FIRST = 1.6e-4, LR_MEAN_LAST = 1.6e-6;
 
 typedef struct distilling {
     const sgsi_compress_job *job;
@@ -30,14 +33,18 @@ typedef struct distilling {
     float *m, *v; // [count][TRAINED]
 } distilling;
 
-static double rate_of(int param)
+double sgsi_distill_rate(int param, int step, double extent)
 {
-    return param < SGS_PARAM_ROTATION  ? LR_MEAN
-           : param < SGS_PARAM_SCALE   ? 1e-3
-           : param < SGS_PARAM_OPACITY ? 5e-3
-           : param < SGS_PARAM_SH_DC   ? 0
-           : param < SGS_PARAM_SH_REST ? 2.5e-3
-                                       : 2.5e-3 / 20;
+    if (param < SGS_PARAM_ROTATION) {
+        const double at = fmin((double)(FIRST + step) / LAST, 1);
+        return extent * LR_MEAN_FIRST * pow(LR_MEAN_LAST / LR_MEAN_FIRST, at);
+    }
+    const double rate = param < SGS_PARAM_SCALE     ? 1e-3
+                        : param < SGS_PARAM_OPACITY ? 5e-3
+                        : param < SGS_PARAM_SH_DC   ? 0
+                        : param < SGS_PARAM_SH_REST ? 2.5e-3
+                                                    : 2.5e-3 / 20;
+    return rate * pow(DECAY, step / DECAY_INTERVAL);
 }
 
 // The teacher's render, composited over the background, as a photo.
@@ -88,15 +95,18 @@ static sgs_pose pose_of(const distilling *d, const sgs_view *view, int step)
 static void update_student(distilling *d, int step)
 {
     const sgsi_adam_step adam = sgsi_adam_begin(step);
-    const double decay = pow(DECAY, step / DECAY_INTERVAL);
+    double rates[TRAINED];
+    for (int k = 0; k < TRAINED; ++k)
+        rates[k] = sgsi_distill_rate(k, step, d->job->options->scene->extent);
     for (size_t i = 0; i < d->student->count; ++i)
         for (int k = 0; k < TRAINED; ++k) {
-            const double rate =
-                decay * rate_of(k) * (k < SGS_PARAM_ROTATION ? d->job->options->scene->extent : 1);
             const size_t at = i * TRAINED + (size_t)k;
-            if (rate > 0)
-                sgsi_adam_update(&adam, (double)*sgs_gaussians_at(d->views.d_model, i, k), rate,
-                                 sgs_gaussians_at(d->student, i, k), &d->m[at], &d->v[at]);
+            float *value = sgs_gaussians_at(d->student, i, k);
+            if (!(rates[k] > 0))
+                continue;
+            *value = (float)((double)*value * (1 - rates[k] * WEIGHT_DECAY));
+            sgsi_adam_update(&adam, (double)*sgs_gaussians_at(d->views.d_model, i, k), rates[k],
+                             value, &d->m[at], &d->v[at]);
         }
 }
 

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// LightGaussian: the nearest code against a search in double precision, which values are exact, and
-// the error of quantised SH coefficients.
+// LightGaussian: the nearest code against a search in double precision, which values are exact, the
+// error of quantised SH coefficients, and the optimiser of the distillation.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,10 +15,12 @@
 #include <cmocka.h>
 
 #include "compress/bit_stream.h"
+#include "compress/distill.h"
 #include "compress/vq.h"
 #include "sparegs/runtime.h"
 #include "support/compress_support.h"
 #include "support/files_support.h"
+#include "support/prune_support.h"
 
 static void nearest_codes_are_found(void **state)
 {
@@ -165,6 +167,67 @@ static void halves_keep_rotations_of_any_length(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// The release trains from iteration 30000 to 40000. Positions: get_expon_lr_func with
+// --position_lr_max_steps 40000. Others: ExponentialLR with gamma 0.9, a step every 500 iterations.
+static void distillation_rates_are_those_of_the_release(void **state)
+{
+    (void)state;
+    static const struct {
+        int param;
+        double rate;
+    } groups[] = {{SGS_PARAM_ROTATION, 0.001},
+                  {SGS_PARAM_SCALE, 0.005},
+                  {SGS_PARAM_OPACITY, 0},
+                  {SGS_PARAM_SH_DC, 0.0025},
+                  {SGS_PARAM_SH_REST, 0.0025 / 20}};
+    const double extent = 4.5;
+    for (int step = 1; step <= 10000; step += 833) {
+        const double t = (30000.0 + step) / 40000;
+        const double mean = extent * exp(log(0.00016) * (1 - t) + log(0.0000016) * t);
+        assert_true(fabs(sgsi_distill_rate(SGS_PARAM_MEAN + 2, step, extent) / mean - 1) < 1e-12);
+        double decay = 1;
+        for (int k = 1; k <= step; ++k)
+            decay *= k % 500 ? 1 : 0.9;
+        for (size_t g = 0; g < sizeof groups / sizeof *groups; ++g)
+            assert_true(fabs(sgsi_distill_rate(groups[g].param, step, extent) -
+                             decay * groups[g].rate) < 1e-15);
+    }
+    assert_true(fabs(sgsi_distill_rate(SGS_PARAM_MEAN, 10000, 1) - 1.6e-6) < 1e-18);
+}
+
+// The gradient of a primitive outside of all views is 0: the weight decay of AdamW (0.01, the
+// default of PyTorch) is all that changes it.
+static void distillation_decays_what_no_view_sees(void **state)
+{
+    (void)state;
+    enum { STEPS = 3 };
+    sgs_gaussians *model = pack_model(100, 3, 7);
+    *sgs_gaussians_at(model, 0, SGS_PARAM_MEAN) = 0;
+    *sgs_gaussians_at(model, 0, SGS_PARAM_MEAN + 1) = 500;
+    *sgs_gaussians_at(model, 0, SGS_PARAM_MEAN + 2) = 0;
+    sgs_scene *scene = prune_scene(48, 32);
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_LIGHTGAUSSIAN;
+    options.scene = scene;
+    options.distill = STEPS;
+    options.vq_steps = 1;
+    options.codebook = 16;
+    sgs_gaussians *decoded = through(model, &options);
+    assert_int_equal(decoded->count, 100);
+    assert_int_equal(decoded->sh_degree, 2);
+    for (int k = SGS_PARAM_ROTATION; k < SGS_PARAM_SH_DC; ++k) {
+        const double rate = k < SGS_PARAM_SCALE ? 0.001 : k < SGS_PARAM_OPACITY ? 0.005 : 0;
+        const double before = (double)*sgs_gaussians_at(model, 0, k);
+        const double expected = before * pow(1 - 0.01 * rate, STEPS);
+        const double actual = (double)*sgs_gaussians_at(decoded, 0, k);
+        if (!(fabs(actual - expected) <= 3e-7 * fabs(expected)))
+            fail_msg("parameter %d: %.9g, expected %.9g", k, actual, expected);
+    }
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -172,6 +235,8 @@ int main(void)
         cmocka_unit_test(bits_are_packed_without_gaps),
         cmocka_unit_test(quantised_rows_are_close_and_others_exact),
         cmocka_unit_test(halves_keep_rotations_of_any_length),
+        cmocka_unit_test(distillation_rates_are_those_of_the_release),
+        cmocka_unit_test(distillation_decays_what_no_view_sees),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,7 +3,7 @@
 
 // Self-Organizing Gaussians (Morgenstern et al. 2024) for a trained model: primitives are sorted
 // into a square grid (plas.h), every attribute becomes an image of integers, which lossless image
-// codecs store. Ranges and depths follow the authors' released experiment jxl_quant_sh; the depths
+// codecs store. Limits and depths follow the authors' released experiment jxl_quant_sh; the depths
 // of the presets are those that give the sizes in the tables of SPARE-GS.
 //
 // The side of the grid is int(sqrt(N)); the primitives of lowest opacity beyond it are dropped. A
@@ -11,7 +11,10 @@
 // Positions are sign(x) ln(1 + |x|) before. Decoders compute with portable_math.h.
 //
 // Differences from the released code: rotations are unit quaternions with w >= 0; SH band 0 is
-// quantised and stored losslessly.
+// quantised and stored losslessly; low and high of SH, rotations and opacities are the limits that
+// the released code clips to, not the least and largest value of the model. So an outlier does not
+// make the steps coarser, and 0, which most SH coefficients are close to, is a level of the bands
+// above 0: at 13 bytes per primitive, levels beside 0 cost almost 1 dB.
 
 #include <math.h>
 #include <stdlib.h>
@@ -27,7 +30,7 @@ enum { ATTRIBUTES = 6, MEANS = 0, DC, REST, SCALE, ROTATION, OPACITY, IMAGES_MOS
 static const double IMPROVEMENT_BREAK = 1e-4;
 static const float LOG_SCALE_LEAST = -104.0f; // exp(-104) is 0 in single precision
 
-// Attributes: fixed range, or the range of the data (low = high).
+// Attributes: limits, or the range of the data (low = high).
 static const struct {
     const char *name;
     int param;
@@ -225,7 +228,7 @@ static void set_ranges(const sgsi_compress_job *job, const uint32_t *cells, sog_
     for (int a = 0; a < ATTRIBUTES; ++a) {
         sog_range *range = &header->ranges[a];
         *range = (sog_range){attributes[a].low, attributes[a].high, (uint32_t)bits[a]};
-        // The published ranges are those of colours from 0 to 1. Linear light has highlights.
+        // The published limits are those of colours from 0 to 1. Linear light has highlights.
         const bool bright = channels_of(a, job->sh_degree) && (a == DC || a == REST) &&
                             o->colors.named && o->colors.space == SGS_SPACE_LINEAR;
         if (range->low != range->high && !bright)

@@ -71,6 +71,10 @@ static void errors_are_at_most_half_a_step(void **state)
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model = pack_model(500, 3, 1), *decoded;
     double low = INFINITY, high = -INFINITY;
+    // Beyond the limits, in a primitive that is kept.
+    *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = 15;
+    *sgs_gaussians_at(model, 7, SGS_PARAM_SH_DC) = -3;
+    *sgs_gaussians_at(model, 7, SGS_PARAM_SH_REST + 4) = 2;
     for (size_t i = 0; i < 500; ++i) {
         float row[SGS_PARAM_COUNT];
         sgs_gaussians_get(model, i, row);
@@ -114,6 +118,35 @@ static void errors_are_at_most_half_a_step(void **state)
             while (!row_matches(a, b, bounds, 6) && ++i < 500);
             assert_true(i < 500);
         }
+        sgs_gaussians_destroy(decoded);
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+// Most coefficients of trained models are about 0: an offset of all of them would change colours.
+static void zero_is_a_level_of_the_other_bands(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = pack_model(400, 3, 1), *decoded;
+    for (size_t i = 0; i < 400; ++i)
+        for (int k = 0; k < 45; ++k)
+            if (i != 7)
+                *sgs_gaussians_at(model, i, SGS_PARAM_SH_REST + k) = 0;
+    *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = 5; // not among the omitted ones
+    *sgs_gaussians_at(model, 7, SGS_PARAM_SH_REST) = 0.47f;
+    *sgs_gaussians_at(model, 7, SGS_PARAM_SH_REST + 1) = -0.41f;
+    for (int bits = 1; bits <= 6; ++bits) {
+        sgs_compress_options options = sgs_compress_options_default();
+        options.sh_bits = bits;
+        assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+        assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+        size_t others = 0;
+        for (size_t i = 0; i < decoded->count; ++i)
+            for (int k = 0; k < 45; ++k)
+                others += *sgs_gaussians_at(decoded, i, SGS_PARAM_SH_REST + k) != 0;
+        assert_in_range(others, 0, 45);
         sgs_gaussians_destroy(decoded);
     }
     sgs_gaussians_destroy(model);
@@ -268,6 +301,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(portable_functions_match_the_c_library),
         cmocka_unit_test(errors_are_at_most_half_a_step),
+        cmocka_unit_test(zero_is_a_level_of_the_other_bands),
         cmocka_unit_test(vanishing_scales_are_stored),
         cmocka_unit_test(sorting_makes_neighbours_similar),
         cmocka_unit_test(sorting_is_cancelled_between_passes),

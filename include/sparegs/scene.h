@@ -106,6 +106,10 @@ typedef struct sgs_scene_options {
     // With cameras_only: size in pixels, before downscaling, of views without a size in the camera
     // file or a readable photo. 0 = such views are skipped.
     int view_width, view_height;
+    // Memory in bytes for photos that are decoded at the same time, in addition to image_cache:
+    // each has about 3.5 bytes per pixel of its file, 4.5 with alpha. One is always decoded. 0 = an
+    // eighth of sgs_machine_memory.
+    size_t decode_memory;
 } sgs_scene_options;
 
 // All zero, except struct_size and load_images (true).
@@ -142,6 +146,9 @@ typedef struct sgs_scene {
     uint64_t digest;
     char *colorspace; // options.colorspace, or NULL
     sgs_alpha alpha;  // options.alpha
+    // Bytes for decoding the largest photo, 0 with cameras_only; options.decode_memory, or its
+    // default.
+    size_t decode_bytes, decode_limit;
 } sgs_scene;
 
 // Loads a scene; release it with sgs_scene_destroy. options NULL = the defaults. Missing or
@@ -222,6 +229,10 @@ SGS_API sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, in
 // Hint that sgs_scene_photo will soon be called for this view: a thread decodes the photo in
 // advance, unless it is in memory. Cannot fail.
 SGS_API void sgs_scene_prefetch(const sgs_scene *scene, size_t index);
+
+// Number of views, of those that follow the one in use, that sgs_scene_prefetch should be called
+// for: one more than the number of decoding threads; 0 if all photos are in memory. Cannot fail.
+SGS_API size_t sgs_scene_prefetch_count(const sgs_scene *scene);
 
 // How `name` denotes a view: 0 exactly, 1 without folder, 2 without extension, -1 not at all.
 // Cannot fail.

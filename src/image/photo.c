@@ -52,6 +52,12 @@ size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width,
            sgs_mask_words(width) * (size_t)height * sizeof(uint16_t);
 }
 
+size_t sgsi_photo_decode_bytes(const sgsi_image_info *info)
+{
+    const size_t pixels = (size_t)info->width * (size_t)info->height;
+    return pixels * (size_t)info->channels + pixels / 2;
+}
+
 void sgsi_photo_over_bytes(const sgs_photo *photo, const float background[3], uint8_t *bytes)
 {
     const size_t plane = (size_t)photo->width * (size_t)photo->height;
@@ -69,10 +75,11 @@ sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info
     const double stretch =
         (double)info->full_width * camera->height / ((double)info->full_height * camera->width);
     if (whole && (info->left || info->top))
-        return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: its data window is offset by (%d, %d) pixels from the display window; "
-                         "save the image with equal windows",
-                         path, info->left, info->top);
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: its data window is offset by (%d, %d) pixels from the display window; "
+            "save the image with equal windows",
+            path, info->left, info->top);
     if (whole || own || !camera->width || !(fabs(stretch - 1) <= 0.02))
         return SGS_STATUS_OK;
     return sgsi_fail(SGS_STATUS_FORMAT,
@@ -81,9 +88,10 @@ sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info
                      path, info->width, info->height, info->full_width, info->full_height);
 }
 
+// Call sgsi_image_check_complete before.
 static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image)
 {
-    sgs_status status = sgs_image8_read(source->image_path, image);
+    sgs_status status = sgsi_oiio_read(source->image_path, image);
     if (status || (source->width == image->width && source->height == image->height))
         return status;
     sgs_image8 reduced;
@@ -270,11 +278,8 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
     return status;
 }
 
-sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
-                           sgsi_photo_report *report)
+static sgs_status load(const sgsi_photo_source *source, sgs_photo *photo, sgsi_photo_report *report)
 {
-    *photo = (sgs_photo){0};
-    *report = (sgsi_photo_report){0};
     sgs_status status = read_photo(source, photo, &report->pixels_broken);
     if (!status)
         status = sgsi_photo_use_alpha(photo, source->alpha);
@@ -289,6 +294,17 @@ sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
         sgsi_photo_free(photo);
     else
         sgsi_mask_finish(photo);
+    return status;
+}
+
+sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
+                           sgsi_photo_report *report)
+{
+    *photo = (sgs_photo){0};
+    *report = (sgsi_photo_report){0};
+    sgsi_decode_begin(source->decode_limit, source->decode_bytes);
+    const sgs_status status = load(source, photo, report);
+    sgsi_decode_end(source->decode_limit, source->decode_bytes);
     return status;
 }
 

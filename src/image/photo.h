@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "image/decode_limit.h"
 #include "image/image_oiio.h"
 #include "sparegs/scene.h"
 
@@ -21,6 +22,9 @@ typedef struct sgsi_photo_source {
     sgs_space space;
     double white_point;   // > 0
     const uint16_t *lens; // mask of pixels with a ray, width x height, or NULL = all
+    // Limits photos that are decoded at the same time; NULL = no limit. decode_bytes: of this one.
+    sgsi_decode_limit *decode_limit;
+    size_t decode_bytes;
 } sgsi_photo_source;
 
 // Further results of a load.
@@ -71,6 +75,10 @@ sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info
 
 // Decoded size in bytes of such a photo at this resolution, including a mask.
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height);
+
+// Memory for decoding a photo, beside its decoded size: the file's pixels before they are reduced,
+// and half a byte per pixel for rows and decoder.
+size_t sgsi_photo_decode_bytes(const sgsi_image_info *info);
 
 // Colour c of a pixel over a background: straight alpha, as the loss compares it.
 static inline float sgsi_photo_over(const sgs_photo *photo, size_t c, size_t pixel,

@@ -123,6 +123,7 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     for (size_t i = 0; i < l.lens_count; ++i)
         sgsi_free(l.lenses[i].valid_mask);
     sgsi_free(l.lenses);
+    sgsi_decode_limit_destroy(l.decode_limit);
     sgsi_dataset_free(&l.dataset);
     sgsi_roots_free(&l.roots);
     sgsi_scene_files_free(&l.files);

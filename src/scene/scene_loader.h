@@ -26,11 +26,13 @@ typedef struct sgsi_view_slot {
     int file_width, file_height; // before downscaling
     int width, height;           // after downscaling
     int channels;
-    bool linear;  // the file holds linear light
-    size_t bytes; // decoded size of the photo
-    bool halves;  // it is kept in half floats
-    size_t lens;  // index into sgsi_scene_loader.lenses
-    bool dropped; // not among options.kept
+    bool linear;         // the file holds linear light
+    size_t bytes;        // decoded size of the photo
+    size_t decode_bytes; // see sgsi_photo_decode_bytes
+    bool halves;         // it is kept in half floats
+    size_t lens;         // index into sgsi_scene_loader.lenses
+    bool dropped;        // not among options.kept
+    bool cached;         // if the photos exceed the image cache: it keeps this one from the start
     sgsi_photo_report report;
 } sgsi_view_slot;
 
@@ -51,7 +53,8 @@ typedef struct sgsi_scene_loader {
     bool mask_folder;  // a mask folder exists
     sgsi_lens_mask *lenses;
     size_t lens_count;
-    bool limited; // the photos exceed the image cache
+    sgsi_decode_limit *decode_limit; // of the photos; passes to the image cache
+    bool limited;                    // the photos exceed the image cache
     // If limited: of the views that are kept, and their decoded sizes.
     sgsi_photo_source *sources;
     size_t *bytes;

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Photos of a scene: their sizes, the cameras fitted to them, their pixels, the white point,
-// and the image cache. They are read in parallel.
+// and the image cache. They are read in parallel; a limit on the memory of their decoding can
+// reduce the number that are decoded at the same time.
 
 #include "scene/scene_loader.h"
 
@@ -15,6 +16,7 @@
 #include "scene/scene_split.h"
 #include "scene/scene_store.h"
 #include "sparegs/image.h"
+#include "sparegs/runtime.h"
 
 enum { WHITE_VIEWS = 16 };
 
@@ -99,6 +101,7 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
     s->linear = info.linear;
     l->scene->views[i].orientation = info.orientation;
     s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
+    s->decode_bytes = sgsi_photo_decode_bytes(&info);
     s->halves = !sgsi_photo_is_8bit(&info, l->options->space);
     keep_error(s);
 }
@@ -148,7 +151,9 @@ sgsi_photo_source sgsi_loader_source(const sgsi_scene_loader *l, size_t i)
                                .colorspace = l->scene->colorspace,
                                .space = l->options->space,
                                .white_point = l->scene->white_point,
-                               .lens = l->lenses[s->lens].valid_mask};
+                               .lens = l->lenses[s->lens].valid_mask,
+                               .decode_limit = l->decode_limit,
+                               .decode_bytes = s->decode_bytes};
 }
 
 static void load_view(void *context, size_t i, int thread)
@@ -164,7 +169,7 @@ static void load_view(void *context, size_t i, int thread)
     const sgsi_photo_source source = sgsi_loader_source(l, i);
     s->status = sgsi_photo_load(&source, &view->image, &s->report);
     keep_error(s);
-    if (l->limited) // loaded only to check the file
+    if (l->limited && !s->cached) // loaded only to check the file
         sgsi_photo_release(&view->image);
     sgsi_progress_advance(&l->progress);
 }
@@ -231,12 +236,34 @@ static sgs_status measure_white_point(sgsi_scene_loader *l)
     return SGS_STATUS_OK;
 }
 
+static void count_decoding(sgsi_scene_loader *l)
+{
+    const uint64_t share = sgs_machine_memory() / 8;
+    const size_t given = l->options->decode_memory;
+    l->scene->decode_limit = given ? given : share < SIZE_MAX ? (size_t)share : SIZE_MAX;
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        if (!l->slots[i].dropped && l->slots[i].decode_bytes > l->scene->decode_bytes)
+            l->scene->decode_bytes = l->slots[i].decode_bytes;
+}
+
+// Marks the first photos that fit into the image cache.
+static void mark_cached(sgsi_scene_loader *l)
+{
+    size_t left = l->options->image_cache;
+    for (size_t i = 0; i < l->scene->view_count; ++i) {
+        sgsi_view_slot *s = &l->slots[i];
+        s->cached = !s->status && !s->dropped && s->bytes <= left;
+        left -= s->cached ? s->bytes : 0;
+    }
+}
+
 sgs_status sgsi_loader_read_photos(sgsi_scene_loader *l)
 {
     sgs_scene *scene = l->scene;
     sgs_status status = SGS_STATUS_OK;
     l->progress.total = scene->view_count * (l->options->load_images ? 2 : 1);
     sgsi_parallel_for(scene->view_count, 1, probe_view, l);
+    count_decoding(l);
     if (sgsi_progress_cancelled(&l->progress))
         return sgsi_scene_cancelled(scene->path);
     for (size_t i = 0; i < scene->view_count && !status; ++i)
@@ -257,7 +284,11 @@ sgs_status sgsi_loader_read_photos(sgsi_scene_loader *l)
     for (size_t i = 0; i < scene->view_count; ++i)
         bytes += l->slots[i].dropped ? 0 : l->slots[i].bytes;
     l->limited = l->options->image_cache && bytes > l->options->image_cache;
+    l->decode_limit = sgsi_decode_limit_create(scene->decode_limit);
+    if (!l->decode_limit)
+        return sgsi_scene_no_memory(scene->path);
     if (l->limited) {
+        mark_cached(l);
         l->sources = sgsi_calloc(scene->view_count, sizeof *l->sources);
         l->bytes = sgsi_calloc(scene->view_count, sizeof *l->bytes);
         if (!l->sources || !l->bytes)
@@ -280,7 +311,16 @@ sgs_status sgsi_loader_open_store(sgsi_scene_loader *l)
         planes[i] = l->lenses[i].valid_mask;
         l->lenses[i].valid_mask = NULL;
     }
-    return sgsi_scene_store_create(l->sources, l->bytes, l->scene->view_count,
-                                   l->options->image_cache, planes, l->lens_count,
-                                   &l->scene->store);
+    sgs_scene *scene = l->scene;
+    sgsi_decode_limit *decode_limit = l->decode_limit;
+    l->decode_limit = NULL;
+    const sgs_status status =
+        sgsi_scene_store_create(l->sources, l->bytes, scene->view_count, l->options->image_cache,
+                                planes, l->lens_count, decode_limit, &scene->store);
+    for (size_t i = 0; i < scene->view_count && !status; ++i) {
+        sgs_photo *photo = &scene->views[i].image;
+        if (photo->pixels || photo->halves)
+            sgsi_photo_cache_put(sgsi_scene_store_cache(scene->store), i, photo);
+    }
+    return status;
 }

@@ -4,11 +4,13 @@
 #include "scene/scene_store.h"
 
 #include "base/core.h"
+#include "base/threads.h"
 
 struct sgs_scene_store {
     sgsi_photo_cache *cache;
     uint16_t **planes; // valid masks of the lenses
     size_t plane_count;
+    sgsi_decode_limit *decode_limit; // of the sources
 };
 
 void sgsi_scene_store_destroy(sgs_scene_store *store)
@@ -19,23 +21,28 @@ void sgsi_scene_store_destroy(sgs_scene_store *store)
     for (size_t i = 0; i < store->plane_count; ++i)
         sgsi_free(store->planes[i]);
     sgsi_free(store->planes);
+    sgsi_decode_limit_destroy(store->decode_limit);
     sgsi_free(store);
 }
 
 sgs_status sgsi_scene_store_create(const sgsi_photo_source *sources, const size_t *bytes,
                                    size_t count, size_t limit, uint16_t **planes,
-                                   size_t plane_count, sgs_scene_store **store)
+                                   size_t plane_count, sgsi_decode_limit *decode_limit,
+                                   sgs_scene_store **store)
 {
-    sgs_scene_store *made = sgsi_calloc(1, sizeof *made), left = {NULL, planes, plane_count};
+    const sgs_scene_store left = {NULL, planes, plane_count, decode_limit};
+    sgs_scene_store *made = sgsi_calloc(1, sizeof *made);
     *store = NULL;
     if (!made) {
         for (size_t i = 0; i < plane_count; ++i)
             sgsi_free(planes[i]);
         sgsi_free(planes);
+        sgsi_decode_limit_destroy(decode_limit);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the image cache");
     }
     *made = left;
-    const sgs_status status = sgsi_photo_cache_create(sources, bytes, count, limit, &made->cache);
+    const sgs_status status = sgsi_photo_cache_create(
+        sources, bytes, count, limit, sgsi_photo_decoders(sgsi_threads()), &made->cache);
     if (status)
         sgsi_scene_store_destroy(made);
     else
@@ -88,4 +95,9 @@ void sgs_scene_prefetch(const sgs_scene *scene, size_t index)
 {
     if (scene->store && index < scene->view_count)
         sgsi_photo_cache_prefetch(scene->store->cache, index);
+}
+
+size_t sgs_scene_prefetch_count(const sgs_scene *scene)
+{
+    return scene->store ? sgsi_photo_cache_ahead(scene->store->cache) : 0;
 }

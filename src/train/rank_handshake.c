@@ -132,6 +132,7 @@ static sgs_status describe_views(FILE *out, const sgsi_train_views *views)
     for (size_t i = 0; i < views->count; ++i) {
         const sgs_view *view = &views->scene->views[views->scene_views[i]];
         const sgs_photo *photo;
+        sgsi_train_views_prefetch(views, i);
         const sgs_status status = sgs_scene_photo(views->scene, views->scene_views[i], &photo);
         if (status)
             return status;

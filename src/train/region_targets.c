@@ -141,6 +141,7 @@ sgs_status sgsi_region_targets_make(sgsi_train_views *views, const sgs_gaussians
                                 .filter_3d = filter_3d,
                                 .sh_degree = views->options->sh_degree,
                                 .seconds = &ignored};
+        sgsi_train_views_prefetch(views, i);
         views->targets = NULL; // fetch the photo
         status = sgsi_train_view_fetch(views, &view);
         views->targets = targets;

@@ -47,6 +47,7 @@ static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
 {
     plan_source *source = context;
     const sgs_photo *photo;
+    sgsi_train_views_prefetch(source->views, i); // they are read in order
     const sgs_status status = photo_8bit(source->views, i, &photo);
     if (status)
         return status;

@@ -107,6 +107,15 @@ sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_option
 // Sets all depth bounds to "unknown". Cannot fail.
 void sgsi_train_views_forget_depths(sgsi_train_views *views);
 
+// For a pass over all views in their order, before the photo of view `index` is fetched: prefetches
+// those that follow it. Cannot fail.
+static inline void sgsi_train_views_prefetch(const sgsi_train_views *views, size_t index)
+{
+    const size_t ahead = sgs_scene_prefetch_count(views->scene);
+    for (size_t k = index + 1; k <= index + ahead && k < views->count; ++k)
+        sgs_scene_prefetch(views->scene, views->scene_views[k]);
+}
+
 // The photo, or target, of a view at full size. Fails as sgs_scene_photo does.
 static inline sgs_status sgsi_train_view_photo(const sgsi_train_views *views, size_t index,
                                                const sgs_photo **photo)

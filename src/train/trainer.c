@@ -85,7 +85,10 @@ static sgs_status create_parts(sgs_trainer *trainer)
     const bool has_init = trainer->options.init != NULL;
     trainer->order = sgsi_calloc(views->count, sizeof *trainer->order);
     trainer->view_fits = sgsi_calloc(2 * views->count, sizeof *trainer->view_fits);
-    if (!trainer->order || !trainer->view_fits)
+    const bool prefetches = sgs_scene_prefetch_count(trainer->scene) > 0;
+    if (prefetches)
+        trainer->next_order = sgsi_calloc(views->count, sizeof *trainer->next_order);
+    if (!trainer->order || !trainer->view_fits || (prefetches && !trainer->next_order))
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views", views->count);
     status = sgsi_trainer_create_model(trainer);
     if (!status && trainer->fixed && !trainer->options.exposure)
@@ -157,6 +160,7 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
                             trainer->m,
                             trainer->v,
                             trainer->order,
+                            trainer->next_order,
                             trainer->view_fits,
                             trainer->cloud_points,
                             trainer->cloud_colors,
@@ -171,7 +175,22 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
 
 // ---- One iteration ----
 
-// A random permutation per epoch; it depends on seed and epoch only.
+// The permutation of the views in an epoch; it depends on seed and epoch only.
+static void shuffle_views(const sgs_trainer *trainer, uint64_t epoch, uint32_t *order)
+{
+    const size_t n = trainer->views.count;
+    const uint64_t seed = sgsi_random_bits(trainer->options.seed ^ 0x0EDE2, epoch);
+    for (size_t i = 0; i < n; ++i)
+        order[i] = (uint32_t)i;
+    for (size_t i = n; i-- > 1;) {
+        size_t k = (size_t)(sgsi_random_uniform(seed, i) * (double)(i + 1));
+        k = k < i ? k : i; // where the number rounds to 1
+        const uint32_t kept = order[i];
+        order[i] = order[k];
+        order[k] = kept;
+    }
+}
+
 static size_t next_view(sgs_trainer *trainer)
 {
     sgsi_progress *progress = &trainer->progress;
@@ -180,28 +199,27 @@ static size_t next_view(sgs_trainer *trainer)
         progress->order_position = 0;
         ++progress->order_epoch;
     }
-    if (!progress->order_position) {
-        const uint64_t seed =
-            sgsi_random_bits(trainer->options.seed ^ 0x0EDE2, progress->order_epoch);
-        for (size_t i = 0; i < n; ++i)
-            trainer->order[i] = (uint32_t)i;
-        for (size_t i = n; i-- > 1;) {
-            size_t k = (size_t)(sgsi_random_uniform(seed, i) * (double)(i + 1));
-            k = k < i ? k : i; // where the number rounds to 1
-            const uint32_t kept = trainer->order[i];
-            trainer->order[i] = trainer->order[k];
-            trainer->order[k] = kept;
-        }
-    }
+    if (!progress->order_position)
+        shuffle_views(trainer, progress->order_epoch, trainer->order);
     return trainer->order[progress->order_position++];
 }
 
-// Prefetches the next two views of this epoch.
-static void prefetch_views(const sgs_trainer *trainer)
+// Prefetches the views of the following iterations, also of the next epoch.
+static void prefetch_views(sgs_trainer *trainer, int iteration)
 {
-    const size_t next = trainer->progress.order_position;
-    for (size_t i = next; !trainer->views.targets && i < next + 2 && i < trainer->views.count; ++i)
-        sgs_scene_prefetch(trainer->scene, trainer->views.scene_views[trainer->order[i]]);
+    const size_t n = trainer->views.count, first = trainer->progress.order_position,
+                 most = trainer->views.targets ? 0 : sgs_scene_prefetch_count(trainer->scene),
+                 left = (size_t)(trainer->options.iterations - iteration),
+                 ahead = most < left ? most : left;
+    const uint64_t next_epoch = trainer->progress.order_epoch + 1;
+    for (size_t i = first; i < first + ahead && i < first + n - 1; ++i) {
+        if (i >= n && trainer->next_epoch != next_epoch) {
+            shuffle_views(trainer, next_epoch, trainer->next_order);
+            trainer->next_epoch = next_epoch;
+        }
+        const size_t view = i < n ? trainer->order[i] : trainer->next_order[i - n];
+        sgs_scene_prefetch(trainer->scene, trainer->views.scene_views[view]);
+    }
 }
 
 // Iterations per additional SH band. Runs with a region use all bands at once, because the
@@ -240,7 +258,7 @@ static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_vie
                               .visible_count = collects ? trainer->statistics.visible_count : NULL,
                               .radius_max = collects ? trainer->statistics.radius_max : NULL,
                               .seconds = &trainer->progress.seconds};
-    prefetch_views(trainer);
+    prefetch_views(trainer, iteration);
     const sgs_status status = sgsi_train_view_fetch(&trainer->views, view);
     if (status)
         trainer->progress = before;

@@ -54,9 +54,11 @@ struct sgs_trainer {
     sgsi_train_views views;
     sgsi_view_scores scores;
     sgsi_resolution resolution;
-    sgs_regions regions;              // of the last update; the list is owned
-    spare_view_fit *view_fits;        // [training views][2], of the equilibrium
-    uint32_t *order;                  // permutation of the training views of this epoch
+    sgs_regions regions;       // of the last update; the list is owned
+    spare_view_fit *view_fits; // [training views][2], of the equilibrium
+    uint32_t *order;           // permutation of the training views of this epoch
+    uint32_t *next_order;      // that of epoch next_epoch; NULL if no views are prefetched
+    uint64_t next_epoch;
     bool seen;                        // a primitive was hit in some view
     bool inconsistent;                // the last step failed after it had changed the state
     bool update_refused;              // the last structural update would have exceeded memory_limit

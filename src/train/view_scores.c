@@ -302,6 +302,20 @@ static sgs_status score_view(sgsi_train_views *views, const sgsi_score_input *in
     return status;
 }
 
+// Draws `wanted` different ones of n views.
+static void draw_views(uint64_t seed, size_t n, size_t wanted, size_t *drawn)
+{
+    for (size_t k = 0; k < wanted; ++k) {
+        bool fresh = false;
+        for (uint64_t attempt = 0; !fresh; ++attempt) { // until the view is not drawn yet
+            drawn[k] = (size_t)(sgsi_random_uniform(seed, 4096 * k + attempt) * (double)n);
+            fresh = drawn[k] < n;
+            for (size_t j = 0; j < k; ++j)
+                fresh = fresh && drawn[j] != drawn[k];
+        }
+    }
+}
+
 sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_input *input,
                                     sgsi_view_scores *scores)
 {
@@ -321,14 +335,11 @@ sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_in
     sgsi_parallel_ranges(input->count, 4096, fill_columns, &job);
     const uint64_t seed =
         sgsi_random_bits(views->options->seed ^ 0x5C08E, (uint64_t)input->iteration);
+    draw_views(seed, n, wanted, drawn);
+    const size_t ahead = views->targets ? 0 : sgs_scene_prefetch_count(views->scene);
     for (size_t k = 0; k < wanted && !status; ++k) {
-        bool fresh = false;
-        for (uint64_t attempt = 0; !fresh; ++attempt) { // until the view is not drawn yet
-            drawn[k] = (size_t)(sgsi_random_uniform(seed, 4096 * k + attempt) * (double)n);
-            fresh = drawn[k] < n;
-            for (size_t j = 0; j < k; ++j)
-                fresh = fresh && drawn[j] != drawn[k];
-        }
+        for (size_t j = k + 1; j <= k + ahead && j < wanted; ++j)
+            sgs_scene_prefetch(views->scene, views->scene_views[drawn[j]]);
         status = score_view(views, input, drawn[k], scores);
     }
     if (!status && pipeline->finish_scores)

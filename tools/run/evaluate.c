@@ -261,6 +261,23 @@ void split_score_finish(split_score *sum)
                      sum->mean.sharpness / (double)sum->sharp_images, sum->mean.lpips / images};
 }
 
+// Decodes the next photos of this rank in advance: of the views of the split from `next` on, the
+// ones that a pass over them in steps of the number of ranks reaches, `first` of them skipped.
+static void prefetch_photos(const sgs_scene *scene, sgs_split split, size_t next, size_t first)
+{
+    const size_t count = (size_t)group_count(), ahead = sgs_scene_prefetch_count(scene);
+    size_t passed = 0, requested = 0;
+    for (size_t v = next; v < scene->view_count && requested < ahead; ++v) {
+        if (!view_in_split(&scene->views[v], split))
+            continue;
+        if (passed >= first && (passed - first) % count == 0) {
+            sgs_scene_prefetch(scene, v);
+            ++requested;
+        }
+        ++passed;
+    }
+}
+
 // Scores the views of this rank, with a model that every rank has.
 static bool score_own(const evaluator *evaluation, sgs_split split, const char *label,
                       evaluate_save save, void *context, rank_score *scores)
@@ -279,6 +296,7 @@ static bool score_own(const evaluator *evaluation, sgs_split split, const char *
             continue;
         if (label)
             progress_count(label, i, total);
+        prefetch_photos(evaluation->scene, split, v + 1, count - 1);
         view_images images = {0};
         done = evaluate_view(evaluation, view, &scores[v].score, save ? &images : NULL);
         done = done && (!save || save(context, v, &images));
@@ -337,6 +355,7 @@ static bool score_together(const evaluator *evaluation, sgs_split split, const c
         if (label)
             progress_count(label, number, total);
         count = next_views(scene, split, &next, views);
+        prefetch_photos(scene, split, next, (size_t)sgs_ranks_rank(group_ranks()));
         done = !count || score_round(evaluation, views, count, scores);
         number += count;
     }

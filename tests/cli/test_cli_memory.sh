@@ -65,6 +65,19 @@ run 1 train "$room" --downscale 8 --iterations 150 --spare on --resume -o "$temp
 check resume_counts_the_checkpoint test "$(grep -oE 'initial model of [0-9]+ primitives' "$temporary/stderr" | grep -oE '[0-9]+')" \
     -gt $((points * 95 / 100))
 
+# the_image_cache: its default is at most half of the limit; the note counts the images that fit
+run 0 train "$room" --downscale 8 --iterations 2 --checkpoint-every 0 -o "$temporary/cached" --max-memory 2G
+json "$temporary/cached/config.json" '.image_cache == 1073741824'
+check no_note_if_all_images_fit test "$(grep -c 'image cache' "$temporary/stderr")" = 0
+run 0 train "$room" --downscale 8 --iterations 2 --checkpoint-every 0 -o "$temporary/uncached" --image-cache 110000
+json "$temporary/uncached/config.json" '.image_cache == 110000'
+reports "about 17 of 35 images fit in the image cache (0.00 of 0.00 GiB)"
+reports "raise --image-cache"
+check notes_once test "$(grep -c 'image cache' "$temporary/stderr")" = 1
+check the_cache_does_not_change_the_model cmp <(jq .model_hash "$temporary/cached/summary.json") <(jq .model_hash "$temporary/uncached/summary.json")
+run 0 train "$room" --downscale 8 --iterations 2 --checkpoint-every 0 -o "$temporary/uncached" --image-cache 110000 --overwrite --quiet
+check quiet_omits_the_note test "$(grep -c 'image cache' "$temporary/stderr")" = 0
+
 # more_than_the_machine_has (with a limit on the address space, in case the machine has that much)
 ulimit -v 6000000
 run 1 render "$temporary/small" "$room" --orbit 1 --size 65536x65536 --aov all -o "$temporary/huge"

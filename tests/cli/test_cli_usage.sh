@@ -28,7 +28,7 @@ for command in $commands; do
     run 0 "$command" --help
     if [ $command = render ]; then
         check texts_have_units bash -c "tr -s ' \n' ' ' <'$temporary/help' | grep -qF \"one [pixels; default: the view's]\""
-        check sizes_have_units bash -c "tr -s ' \n' ' ' <'$temporary/help' | grep -qF '[bytes, KiB, MiB, GiB; default: 4GiB'"
+        check sizes_have_units bash -c "tr -s ' \n' ' ' <'$temporary/help' | grep -qF '[bytes, KiB, MiB, GiB; default: a quarter of the memory, at least 4 GiB'"
     fi
     check help_is_the_same_both_ways cmp "$temporary/stdout" "$temporary/help"
     check help_fits_100_columns awk 'length > 100 { print; bad = 1 } END { exit bad }' "$temporary/stdout"

@@ -160,8 +160,7 @@ static const option scene_options[] = {
      .low = 0,
      .high = 1e18,
      .argument = "SIZE",
-     .initial = "4GiB",
-     .shown = "4GiB, 0 = no limit",
+     .shown = "a quarter of the memory, at least 4 GiB, at most half of it; 0 = no limit",
      .unit = "bytes, KiB, MiB, GiB",
      .help =
          "memory for decoded images; beyond it, images are evicted and decoded again on demand"},
@@ -205,8 +204,21 @@ static int recorded_word(const json_t *config, const char *key, const char *word
     return index >= 0 ? index : fallback;
 }
 
+void scene_share_memory(scene_values *values, const command_line *line, uint64_t limit)
+{
+    const uint64_t known = sgs_machine_memory(), least = UINT64_C(4) << 30,
+                   machine =
+                       (known < UINT64_MAX ? known : 4 * least) / (uint64_t)group_machine_ranks(),
+                   memory = limit && limit < machine ? limit : machine,
+                   wanted = memory / 4 > least ? memory / 4 : least;
+    values->decode_bytes = memory / 8;
+    if (!option_given(line, "image-cache"))
+        values->cache_bytes = wanted < memory / 2 ? wanted : memory / 2;
+}
+
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config)
 {
+    scene_share_memory(values, line, 0);
     const int splits = option_given(line, "eval") + option_given(line, "test-every") +
                        option_given(line, "test-images");
     if (splits > 1)
@@ -282,6 +294,18 @@ static sgs_status load_cameras(const char *path, sgs_scene_options *options, sgs
     return status;
 }
 
+// Images beyond the cache can make decoding the slowest part of a training.
+static void note_cache(const sgs_scene *scene, uint64_t bytes)
+{
+    const double limit = (double)bytes, all = (double)scene->photo_bytes;
+    if (scene->store)
+        print_note("%s: about %.0f of %zu images fit in the image cache (%.2f of %.2f GiB); the "
+                   "others are decoded each time they are used; raise --image-cache if the memory "
+                   "suffices",
+                   scene->path, floor((double)scene->view_count * limit / all), scene->view_count,
+                   limit / 0x1p30, all / 0x1p30);
+}
+
 // with_photos: fails without them, as a load of images does.
 static sgs_scene *open_scene(const char *path, const scene_values *values, bool load_images,
                              bool with_photos, int width, int height)
@@ -307,6 +331,7 @@ static sgs_scene *open_scene(const char *path, const scene_values *values, bool 
     options.white_point = values->white_point;
     options.measure_white_point = values->measure_white;
     options.image_cache = (size_t)values->cache_bytes;
+    options.decode_memory = (size_t)values->decode_bytes;
     options.progress = show_loading;
     options.view_width = width;
     options.view_height = height;
@@ -318,6 +343,8 @@ static sgs_scene *open_scene(const char *path, const scene_values *values, bool 
     loading_cancelled = status == SGS_STATUS_CANCELLED;
     if (status && !loading_cancelled)
         fail_library();
+    if (!status)
+        note_cache(scene, values->cache_bytes);
     free(held_out);
     free(kept);
     return scene;

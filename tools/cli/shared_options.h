@@ -29,6 +29,7 @@ typedef struct scene_values {
     int downscale, test_every, alpha, space; // sgs_alpha, sgs_space
     double white_point;                      // 0 = measured
     uint64_t cache_bytes;                    // for decoded images; 0 = no limit
+    uint64_t decode_bytes;                   // for images that are decoded at the same time
     bool eval, invert_masks;
     // From scene_resolve, borrowed from the config: the names that the run held out, or NULL. Used
     // unless the command line defines a split.
@@ -43,6 +44,10 @@ option_group scene_group(scene_values *values);
 // not given on the command line take the recorded values. The strings stay owned by argv and
 // config. Returns -1 to continue, or an exit status.
 int scene_resolve(scene_values *values, const command_line *line, const json_t *config);
+// The memory for images: that of --image-cache, or its default, and that for decoding. They are
+// shares of the memory of the machine divided by its ranks, or of `limit` if that is less and not
+// 0. scene_resolve calls it without a limit.
+void scene_share_memory(scene_values *values, const command_line *line, uint64_t limit);
 // The rows of --lpips and --lpips-input for a struct with the members `lpips` (const char *) and
 // `lpips_input` (int, sgs_lpips_input).
 #define LPIPS_OPTIONS(values)                                                                      \

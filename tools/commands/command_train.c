@@ -516,6 +516,7 @@ static int prepare(training *run)
     const int recalled = recall_options(run);
     if (!group_all(recalled < 0))
         return recalled < 0 ? EXIT_FAILED : recalled;
+    scene_share_memory(&run->data, run->line, run->values.max_memory);
     bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&
                   evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
     loaded = group_all(loaded);

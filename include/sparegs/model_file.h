@@ -101,6 +101,11 @@ SGS_API sgs_status sgs_model_read(const char *path, const sgs_model_read_options
 // them all zero. Gives no warnings. Fails as sgs_model_read; *colors is then all zero.
 SGS_API sgs_status sgs_model_read_colors(const char *path, sgs_model_colors *colors);
 
+// Number of primitives in a model file, of a LOD SOG in its finest level. Of both kinds of PLY,
+// only the header is read: primitives with invalid values count. Other formats are read as by
+// sgs_model_read, with its warnings. Fails as sgs_model_read; *count is then 0.
+SGS_API sgs_status sgs_model_read_count(const char *path, size_t *count);
+
 // A camera for OpenUSD or a page: pinhole part only, pixel centres at .5.
 typedef struct sgs_model_camera {
     const char *name; // of the image

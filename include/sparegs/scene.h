@@ -110,6 +110,9 @@ typedef struct sgs_scene_options {
     // each has about 3.5 bytes per pixel of its file, 4.5 with alpha. One is always decoded. 0 = an
     // eighth of sgs_machine_memory.
     size_t decode_memory;
+    // With load_images false: read only the headers of image files. Truncated files are then not
+    // found and count as views. Otherwise each file is read once to find them.
+    bool headers_only;
 } sgs_scene_options;
 
 // All zero, except struct_size and load_images (true).

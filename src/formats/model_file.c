@@ -26,7 +26,8 @@ typedef struct format_row {
     sgsi_model_read_fn read;                            // NULL: written only
     sgsi_model_write_fn write;
     bool marks_filter;
-    sgsi_model_colors_fn read_colors; // NULL: not recorded
+    sgsi_model_colors_fn read_colors;                          // NULL: not recorded
+    sgs_status (*read_count)(const char *path, size_t *count); // NULL: by `read`
 } format_row;
 
 static bool begins(const uint8_t *bytes, size_t size, const char *mark, size_t length)
@@ -103,22 +104,23 @@ static bool is_html(const uint8_t *bytes, size_t size)
 // Longer endings precede those that they contain.
 static const format_row table[SGS_MODEL_FORMAT_COUNT] = {
     [SGS_MODEL_PLY] = {"ply", ".ply", is_ply, sgsi_ply_model_read, sgsi_ply_model_write, true,
-                       sgsi_ply_read_colors},
+                       sgsi_ply_read_colors, sgsi_ply_read_count},
     [SGS_MODEL_COMPRESSED_PLY] = {"compressed.ply", ".compressed.ply", is_compressed_ply,
                                   sgsi_compressed_ply_read, sgsi_compressed_ply_write, true,
-                                  sgsi_ply_read_colors},
-    [SGS_MODEL_SPLAT] = {"splat", ".splat", NULL, sgsi_splat_read, sgsi_splat_write, false, NULL},
-    [SGS_MODEL_SPZ] = {"spz", ".spz", is_spz, sgsi_spz_read, sgsi_spz_write, true, NULL},
+                                  sgsi_ply_read_colors, sgsi_ply_read_count},
+    [SGS_MODEL_SPLAT] = {"splat", ".splat", NULL, sgsi_splat_read, sgsi_splat_write, false, NULL,
+                         NULL},
+    [SGS_MODEL_SPZ] = {"spz", ".spz", is_spz, sgsi_spz_read, sgsi_spz_write, true, NULL, NULL},
     [SGS_MODEL_KSPLAT] = {"ksplat", ".ksplat", NULL, sgsi_ksplat_read, sgsi_ksplat_write, false,
-                          NULL},
+                          NULL, NULL},
     [SGS_MODEL_GLB] = {"glb", ".glb", is_glb, sgsi_glb_read, sgsi_glb_write, false,
-                       sgsi_glb_read_colors},
-    [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write, true, NULL},
+                       sgsi_glb_read_colors, NULL},
+    [SGS_MODEL_SOG] = {"sog", ".sog", is_sog, sgsi_sog_read, sgsi_sog_write, true, NULL, NULL},
     [SGS_MODEL_LOD_SOG] = {"lod-meta.json", "lod-meta.json", is_lod, sgsi_lod_sog_read,
-                           sgsi_lod_sog_write, true, NULL},
+                           sgsi_lod_sog_write, true, NULL, NULL},
     [SGS_MODEL_USDA] = {"usda", ".usda", is_usd, sgsi_usd_read, sgsi_usd_write, false,
-                        sgsi_usd_read_colors},
-    [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write, true, NULL},
+                        sgsi_usd_read_colors, NULL},
+    [SGS_MODEL_HTML] = {"html", ".html", is_html, NULL, sgsi_web_page_write, true, NULL, NULL},
 };
 
 static const char readable_names[] =
@@ -280,6 +282,20 @@ sgs_status sgs_model_read_colors(const char *path, sgs_model_colors *colors)
         status = table[format].read_colors(path, colors);
     if (status)
         *colors = (sgs_model_colors){0};
+    return status;
+}
+
+sgs_status sgs_model_read_count(const char *path, size_t *count)
+{
+    sgs_model_format format;
+    sgs_gaussians *model;
+    *count = 0;
+    sgs_status status = find_format(path, &format);
+    if (status || table[format].read_count)
+        return status ? status : table[format].read_count(path, count);
+    status = sgs_model_read(path, NULL, &model, NULL);
+    *count = status ? 0 : model->count;
+    sgs_gaussians_destroy(model);
     return status;
 }
 

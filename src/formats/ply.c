@@ -258,10 +258,9 @@ static void warn_about_rest(const ply_reader *reader)
                   reader->stream.position, sgsi_ply_left(&reader->stream));
 }
 
-// Reads up to the first vertex.
-static sgs_status find_vertices(ply_reader *reader)
+static sgs_status read_header(ply_reader *reader)
 {
-    sgs_status status = sgsi_ply_read_header(&reader->stream, &reader->header);
+    const sgs_status status = sgsi_ply_read_header(&reader->stream, &reader->header);
     if (status)
         return status;
     const sgsi_ply_element *end = reader->header.elements + reader->header.element_count;
@@ -272,11 +271,26 @@ static sgs_status find_vertices(ply_reader *reader)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: has no element 'vertex'; this is not a 3DGS model",
                          reader->stream.path);
     reader->vertex = vertex;
-    status = map_columns(reader);
-    for (const sgsi_ply_element *before = reader->header.elements; !status && before < vertex;
-         ++before)
+    return SGS_STATUS_OK;
+}
+
+// Reads from the end of the header up to the first vertex.
+static sgs_status skip_to_vertices(ply_reader *reader)
+{
+    sgs_status status = SGS_STATUS_OK;
+    for (const sgsi_ply_element *before = reader->header.elements;
+         !status && before < reader->vertex; ++before)
         status = sgsi_ply_skip(&reader->stream, &reader->header, before);
-    return status ? status : sgsi_ply_check_count(&reader->stream, &reader->header, vertex);
+    return status ? status : sgsi_ply_check_count(&reader->stream, &reader->header, reader->vertex);
+}
+
+// Reads up to the first vertex.
+static sgs_status find_vertices(ply_reader *reader)
+{
+    sgs_status status = read_header(reader);
+    if (!status)
+        status = map_columns(reader);
+    return status ? status : skip_to_vertices(reader);
 }
 
 static sgs_status read_model(ply_reader *reader, bool drop_unrotated, sgs_gaussians **model)
@@ -363,6 +377,20 @@ sgs_status sgsi_ply_read_colors(const char *path, sgs_model_colors *colors)
         status = sgsi_ply_read_header(&reader->stream, &reader->header);
     if (!status)
         *colors = reader->header.colors;
+    close_reader(reader);
+    return status;
+}
+
+sgs_status sgsi_ply_read_count(const char *path, size_t *count)
+{
+    ply_reader *reader;
+    sgs_status status = open_reader(path, &reader);
+    if (!status)
+        status = read_header(reader);
+    if (!status)
+        status = skip_to_vertices(reader);
+    if (!status)
+        *count = reader->vertex->count;
     close_reader(reader);
     return status;
 }

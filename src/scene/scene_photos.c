@@ -77,7 +77,7 @@ static void set_size(const sgsi_scene_loader *l, sgsi_view_slot *s, int width, i
 }
 
 // Reads size and format of the photo. If its pixels are not loaded, also checks that the file
-// is complete.
+// is complete, unless the options exclude that.
 static void probe_photo(const sgsi_scene_loader *l, size_t i)
 {
     sgsi_view_slot *s = &l->slots[i];
@@ -90,7 +90,7 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
         keep_error(s);
         return;
     }
-    if (!l->options->load_images)
+    if (!l->options->load_images && !l->options->headers_only)
         s->status = sgsi_image_check_complete(path);
     if (!s->status)
         s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);

@@ -687,6 +687,39 @@ static void other_kernels_are_reported(void **state)
     temp_folder_remove(&folder);
 }
 
+// Of a PLY, the header alone decides, here of a file that holds no model.
+static void primitives_are_counted(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"a.ply", "a.compressed.ply", "a.splat",
+                                        "a.spz", "a.ksplat",         "a.glb",
+                                        "a.sog", "a.usda",           "meta.json"};
+    static const char header[] = "ply\nformat binary_little_endian 1.0\nelement chunk 2\nproperty "
+                                 "float min\nelement vertex 3\nproperty float x\nend_header\n";
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(300, 1);
+    size_t count;
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        const char *path = temp_path(&folder, names[k]);
+        if (sgs_model_write(path, model, NULL, NULL) || sgs_model_read_count(path, &count))
+            fail_msg("%s", sgs_last_error());
+        assert_int_equal(count, 300);
+    }
+    unsigned char bytes[sizeof header + 19] = {0};
+    memcpy(bytes, header, sizeof header - 1);
+    const char *path = temp_path(&folder, "b.ply");
+    file_put(path, bytes, sizeof header - 1 + 20);
+    assert_int_equal(sgs_model_read_count(path, &count), SGS_STATUS_OK);
+    assert_int_equal(count, 3);
+    file_put(path, bytes, sizeof header - 1 + 19);
+    assert_int_equal(sgs_model_read_count(path, &count), SGS_STATUS_FORMAT);
+    assert_int_equal(count, 0);
+    assert_non_null(strstr(sgs_last_error(), "b.ply"));
+    assert_int_equal(sgs_model_read_count(temp_path(&folder, "c.ply"), &count), SGS_STATUS_IO);
+    sgs_gaussians_destroy(model);
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -704,6 +737,7 @@ int main(void)
         cmocka_unit_test(glb_fallback_colors_are_linear),
         cmocka_unit_test(foreign_colors_are_read),
         cmocka_unit_test(other_kernels_are_reported),
+        cmocka_unit_test(primitives_are_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -31,6 +31,16 @@ sgs_status model_reader_colors(const char *path, sgs_model_colors *colors)
     return status;
 }
 
+sgs_status model_reader_count(const char *path, size_t *count)
+{
+    if (!sgs_is_compressed(path))
+        return sgs_model_read_count(path, count);
+    sgs_compress_info found = {0};
+    const sgs_status status = sgs_compress_info_read(path, &found);
+    *count = found.gaussians;
+    return status;
+}
+
 const char *model_reader_format(const char *path, const sgs_model_info *info)
 {
     return sgs_is_compressed(path) ? "compressed" : sgs_model_format_name(info->format);

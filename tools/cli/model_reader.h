@@ -11,5 +11,7 @@ sgs_status model_reader_read(const char *path, const sgs_model_read_options *opt
                              sgs_gaussians **model, sgs_model_info *info);
 // As sgs_model_read_colors.
 sgs_status model_reader_colors(const char *path, sgs_model_colors *colors);
+// As sgs_model_read_count; compressed files are not decoded.
+sgs_status model_reader_count(const char *path, size_t *count);
 // The name of the format: that of the library, or "compressed".
 const char *model_reader_format(const char *path, const sgs_model_info *info);

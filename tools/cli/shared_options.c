@@ -323,6 +323,7 @@ static sgs_scene *open_scene(const char *path, const scene_values *values, bool 
     options.test_every = values->test_every;
     options.test_images = values->test_images;
     options.load_images = load_images;
+    options.headers_only = values->headers_only;
     options.masks_dir = values->masks;
     options.invert_masks = values->invert_masks;
     options.alpha = (sgs_alpha)values->alpha;

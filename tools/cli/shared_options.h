@@ -37,6 +37,7 @@ typedef struct scene_values {
     const json_t *kept; // names of the views to load, borrowed; NULL = all
     bool own_split;     // --eval, or no run and no option: the test views of the data set
     bool measure_white; // also if scene_open does not load the images
+    bool headers_only;  // scene_open without images does not look for truncated files
 } scene_values;
 
 option_group scene_group(scene_values *values);

@@ -93,7 +93,9 @@ static bool load_scene(training *run)
 static bool memory_suffices(const training *run)
 {
     messages_hear_library(false); // the same warnings follow when the images are loaded
-    sgs_scene *scene = scene_open(run->scene_path, &run->data, false);
+    scene_values sizes = run->data;
+    sizes.headers_only = true; // loading the images checks the files
+    sgs_scene *scene = scene_open(run->scene_path, &sizes, false);
     messages_hear_library(true);
     if (!scene)
         return false;

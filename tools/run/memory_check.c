@@ -22,9 +22,8 @@ size_t memory_first_count(const sgs_scene *scene, const train_values *values, si
     // Read errors are reported later, when the file is used.
     if (!count && values->init && file_exists(values->init) && model_is(values->init) &&
         model_locate(values->init, &located)) {
-        sgs_gaussians *init = NULL;
-        count = model_reader_read(located.ply_path, NULL, &init, NULL) ? 0 : init->count;
-        sgs_gaussians_destroy(init);
+        if (model_reader_count(located.ply_path, &count))
+            count = 0;
         model_path_free(&located);
     }
     if (count)

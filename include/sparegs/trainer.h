@@ -332,6 +332,10 @@ SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
 // Cannot fail.
 SGS_API void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache);
 
+// Memory that the process uses beside the training, for example for a viewer: `bytes`, and
+// `row_bytes` per primitive. It counts against the limit. 0 and 0 by default. Cannot fail.
+SGS_API void sgs_trainer_memory_beside_set(sgs_trainer *trainer, size_t bytes, size_t row_bytes);
+
 // Runs one iteration. The last one sets info->stop; further calls fail with LIMIT. Structural
 // updates, opacity resets and changes of the image size that belong to an iteration are made by the
 // next call: between calls the model is the one that the iteration trained, as the published

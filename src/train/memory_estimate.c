@@ -12,6 +12,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "density/pipeline.h"
+#include "image/photo_cache.h"
 #include "train/train_view.h"
 
 enum {
@@ -32,6 +33,9 @@ enum {
     // Per pixel of each different camera, up to the limit of the ray cache, which holds at least
     // one table: the table, and the directions from which it is made.
     RAY_BYTES = 24,
+    // After training, per primitive: parameters, tracing, BVH.
+    EVALUATED_BYTES = 420,
+    SSIM_BYTES = 1080,      // per thread and column of the widest image: scratch of sgs_ssim_masked
     CANDIDATE_BYTES = 1560, // per thread and candidate of the fullest tile
     LIST_BYTES = 2800,      // per candidate of the fullest tile of an image of one tile
     CROWDING = 16,          // primitives in the fullest tile relative to the mean
@@ -91,24 +95,38 @@ static size_t row_bytes(size_t rows, size_t own_bytes, bool scores, int ranks)
     return trained > initial ? trained : initial;
 }
 
+// Bytes for `count` photos that are decoded at the same time.
+static size_t decoding_bytes(const sgs_scene *scene, size_t count)
+{
+    const size_t one = scene->decode_bytes, limit = scene->decode_limit;
+    return limit <= one ? one : count <= limit / (one ? one : 1) ? count * one : limit;
+}
+
+static size_t larger(size_t a, size_t b)
+{
+    return a > b ? a : b;
+}
+
 size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options *options,
                                  size_t image_cache, size_t gaussians, int ranks)
 {
     sgs_train_options own = sgs_train_options_default();
     if (sgsi_options_read(options, "sgs_train_options", &own, sizeof own))
         return 0;
-    size_t largest = TILE_PIXELS, tiles = 0;
+    size_t largest = TILE_PIXELS, widest = 0, tiles = 0;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
         const size_t pixels = (size_t)view->camera.width * (size_t)view->camera.height;
-        largest = pixels > largest ? pixels : largest;
+        largest = larger(largest, pixels);
+        widest = larger(widest, (size_t)view->camera.width);
         tiles += sgsi_tile_count(view->camera.width, view->camera.height);
     }
     const bool cached = image_cache && scene->photo_bytes > image_cache;
     size_t photos = cached ? image_cache : scene->photo_bytes;
     if (!sgs_box_is_infinite(&own.region)) // the targets of a region
         photos += scene->photo_bytes;
-    const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads();
+    const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads(),
+                 decoders = (size_t)sgsi_photo_decoders((int)threads) + 1; // and the caller
     // The cap does not count the primitives outside of a region.
     const size_t rows =
         cap && cap < gaussians && sgs_box_is_infinite(&own.region) ? cap : gaussians;
@@ -126,8 +144,15 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const size_t batch_bytes = own.batch > 1 ? (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
-    return PROGRAM_BYTES + threads * (THREAD_BYTES + fullest * CANDIDATE_BYTES) + photos +
-           largest * PIXEL_BYTES + ray_bytes(scene, largest, reduces) +
-           row_bytes(rows, ROW_BYTES + batch_bytes, scores, ranks < 1 ? 1 : ranks) + lists +
-           tiles * TILE_BYTES * (ranks > 1 ? 2 : 1) + grid_bytes(&own);
+    // Loading, training and evaluation follow each other.
+    const size_t both = largest * PIXEL_BYTES + ray_bytes(scene, largest, reduces) +
+                        (cached ? decoding_bytes(scene, decoders) : 0),
+                 training =
+                     threads * fullest * CANDIDATE_BYTES + lists +
+                     row_bytes(rows, ROW_BYTES + batch_bytes, scores, ranks < 1 ? 1 : ranks) +
+                     tiles * TILE_BYTES * (ranks > 1 ? 2 : 1) + grid_bytes(&own),
+                 evaluation = threads * widest * SSIM_BYTES +
+                              rows / (size_t)(ranks < 1 ? 1 : ranks) * EVALUATED_BYTES;
+    return PROGRAM_BYTES + threads * THREAD_BYTES + photos +
+           larger(decoding_bytes(scene, threads), both + larger(training, evaluation));
 }

@@ -608,6 +608,12 @@ void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t ima
     announce_limit(trainer);
 }
 
+void sgs_trainer_memory_beside_set(sgs_trainer *trainer, size_t bytes, size_t row_bytes)
+{
+    trainer->beside_bytes = bytes;
+    trainer->beside_row_bytes = row_bytes;
+}
+
 bool sgs_trainer_is_consistent(const sgs_trainer *trainer)
 {
     return !trainer->inconsistent;

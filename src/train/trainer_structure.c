@@ -69,8 +69,10 @@ static bool own_memory_admits(const sgs_trainer *trainer, size_t count)
                                                       trainer->image_cache, count, ranks),
                  current = sgs_train_memory_per_rank(trainer->scene, &options, trainer->image_cache,
                                                      before, ranks);
-    const size_t growth = estimate > current ? estimate - current : 0;
-    return estimate <= limit && sgs_rss_current() + copy + growth <= limit;
+    const size_t beside = trainer->beside_bytes + count * trainer->beside_row_bytes,
+                 growth = (estimate > current ? estimate - current : 0) +
+                          (count - before) * trainer->beside_row_bytes;
+    return estimate + beside <= limit && sgs_rss_current() + copy + growth <= limit;
 }
 
 // With several ranks all call it, after the columns were gathered: they then know the same flags.

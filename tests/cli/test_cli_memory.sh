@@ -65,6 +65,12 @@ run 1 train "$room" --downscale 8 --iterations 150 --spare on --resume -o "$temp
 check resume_counts_the_checkpoint test "$(grep -oE 'initial model of [0-9]+ primitives' "$temporary/stderr" | grep -oE '[0-9]+')" \
     -gt $((points * 95 / 100))
 
+# the_estimate_counts_the_viewer: a second model, its renderer and pages
+run 0 train "$room" --downscale 8 --iterations 2 --threads 2 --max-memory 300M -o "$temporary/unseen" --quiet
+run 1 train "$room" --downscale 8 --iterations 2 --threads 2 --max-memory 300M -o "$temporary/seen" --quiet --view 0
+reports "more than --max-memory"
+reports "omit --view"
+
 # the_image_cache: its default is at most half of the limit; the note counts the images that fit
 run 0 train "$room" --downscale 8 --iterations 2 --checkpoint-every 0 -o "$temporary/cached" --max-memory 2G
 json "$temporary/cached/config.json" '.image_cache == 1073741824'

@@ -100,9 +100,9 @@ static bool memory_suffices(const training *run)
     if (!scene)
         return false;
     const size_t continued = run->values.resume ? run_folder_checkpoint_gaussians(&run->folder) : 0;
-    const bool suffices =
-        memory_check(scene, &run->values.options, (size_t)run->data.cache_bytes,
-                     memory_first_count(scene, &run->values, continued), run->values.max_memory);
+    const bool suffices = memory_check(scene, &run->values.options, (size_t)run->data.cache_bytes,
+                                       memory_first_count(scene, &run->values, continued),
+                                       memory_of_view(&run->values), run->values.max_memory);
     sgs_scene_destroy(scene);
     return suffices;
 }
@@ -141,6 +141,9 @@ static bool create_trainer(training *run)
     if (ready && run->values.max_memory)
         sgs_trainer_memory_limit_set(run->trainer, (size_t)run->values.max_memory,
                                      (size_t)run->data.cache_bytes);
+    const memory_beside view = memory_of_view(&run->values);
+    if (ready)
+        sgs_trainer_memory_beside_set(run->trainer, view.bytes, view.row_bytes);
     return ready;
 }
 

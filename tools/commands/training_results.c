@@ -15,6 +15,7 @@
 #include "cli/rank_group.h"
 #include "cli/reported_files.h"
 #include "report/scaling_report.h"
+#include "run/memory_check.h"
 #include "run/run_record.h"
 #include "sparegs/runtime.h"
 
@@ -44,6 +45,8 @@ bool training_save(training *run)
     const size_t most = run->most_gaussians > run->gaussians ? run->most_gaussians : run->gaussians;
     run->memory_estimate = sgs_train_memory_per_rank(
         run->scene, options, (size_t)run->data.cache_bytes, most, group_count());
+    const memory_beside view = memory_of_view(&run->values);
+    run->memory_estimate += view.bytes + most * view.row_bytes;
     run->traffic = group_traffic();
     if (sgs_trainer_hash(run->trainer, run->hash)) {
         fail_library();

@@ -45,13 +45,26 @@ static int distinct_digits(double a, double b)
     return digits;
 }
 
+memory_beside memory_of_view(const train_values *values)
+{
+    // Per primitive: parameters, 184 for tracing and BVH, and room for growth. Fixed: ray tables
+    // (VIEWER_RAY_BYTES), planes and pictures of a page; per thread as in training.
+    enum { VIEW_ROW_BYTES = 460, VIEW_BYTES = 190000000, VIEW_THREAD_BYTES = 6000000 };
+    if (!values->view || !group_leads())
+        return (memory_beside){0};
+    return (memory_beside){VIEW_BYTES + (size_t)sgs_threads_get() * VIEW_THREAD_BYTES,
+                           VIEW_ROW_BYTES};
+}
+
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
-                  size_t count, uint64_t max_memory)
+                  size_t count, memory_beside beside, uint64_t max_memory)
 {
     const int ranks = group_count();
-    const double without = (double)sgs_train_memory_per_rank(scene, options, image_cache, 0, ranks);
+    const double without =
+        (double)(sgs_train_memory_per_rank(scene, options, image_cache, 0, ranks) + beside.bytes);
     const double required =
-        (double)sgs_train_memory_per_rank(scene, options, image_cache, count, ranks);
+        (double)(sgs_train_memory_per_rank(scene, options, image_cache, count, ranks) +
+                 beside.bytes + count * beside.row_bytes);
     const int neighbours = group_machine_ranks();
     const double limit =
         max_memory ? (double)max_memory : (double)sgs_machine_memory() / neighbours;
@@ -64,9 +77,10 @@ bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size
     const int digits = distinct_digits(required / 0x1p30, limit / 0x1p30);
     fail_run("%s: training requires about %.*f GiB (images and program %.*f GiB, initial model of "
              "%zu primitives %.*f GiB), more than %s (%.*f GiB); reduce --image-cache or "
-             "--max-gaussians, use --downscale%s",
+             "--max-gaussians, use --downscale%s%s",
              scene->path, digits, required / 0x1p30, digits, without / 0x1p30, count, digits,
              (required - without) / 0x1p30, name, digits, limit / 0x1p30,
+             beside.bytes ? ", omit --view" : "",
              max_memory ? "" : ", or allow it with a larger --max-memory");
     free(name);
     return false;

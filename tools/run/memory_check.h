@@ -13,8 +13,16 @@
 // --init, or of the scene.
 size_t memory_first_count(const sgs_scene *scene, const train_values *values, size_t continued);
 
-// Compares the estimate for `count` primitives with max_memory or, if that is 0, with the memory of
-// the machine divided by the ranks that run on it. The images of the scene need not be loaded.
-// False after printing the error.
+// Memory beside the training, in this process: `bytes`, and `row_bytes` per primitive.
+typedef struct memory_beside {
+    size_t bytes, row_bytes;
+} memory_beside;
+// That of --view: the second model and its renderer, for pages of up to 1920 x 1080 pixels. Zero
+// without the option, and on ranks other than 0.
+memory_beside memory_of_view(const train_values *values);
+
+// Compares the estimate for `count` primitives, and `beside`, with max_memory or, if that is 0,
+// with the memory of the machine divided by the ranks that run on it. The images of the scene need
+// not be loaded. False after printing the error.
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
-                  size_t count, uint64_t max_memory);
+                  size_t count, memory_beside beside, uint64_t max_memory);

@@ -1,0 +1,107 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Terms of the memory estimate that are not those of the training itself: decoding of the photos
+// and evaluation.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include "sparegs/runtime.h"
+#include "sparegs/trainer.h"
+
+#define GIB ((size_t)1 << 30)
+
+static sgs_view one_view(int width, int height)
+{
+    return (sgs_view){.camera = {.model = SGS_CAMERA_PINHOLE,
+                                 .width = width,
+                                 .height = height,
+                                 .params = {width, width, width / 2.0, height / 2.0}}};
+}
+
+static size_t estimate(const sgs_scene *scene, size_t image_cache, size_t gaussians)
+{
+    const sgs_train_options options = sgs_train_options_default();
+    return sgs_train_memory(scene, &options, image_cache, gaussians);
+}
+
+// While the photos are loaded, every thread decodes one, up to the limit; at least one is decoded.
+static void photos_are_decoded_by_every_thread(void **state)
+{
+    (void)state;
+    static const size_t rows[][4] = {// photo, limit, threads; bytes; all but threads in GiB
+                                     {1, 100, 4, 4},
+                                     {1, 100, 64, 64},
+                                     {1, 10, 64, 10},
+                                     {20, 10, 64, 20},
+                                     {20, 0, 2, 20}};
+    sgs_view view = one_view(64, 64);
+    sgs_scene scene = {.view_count = 1, .views = &view, .extent = 1};
+    for (size_t k = 0; k < sizeof rows / sizeof *rows; ++k) {
+        size_t bytes[2];
+        sgs_threads_set((int)rows[k][2]);
+        for (size_t i = 0; i < 2; ++i) { // the difference of two photos
+            scene.decode_bytes = rows[k][0] * GIB << i;
+            scene.decode_limit = rows[k][1] * GIB << i;
+            bytes[i] = estimate(&scene, 0, 0);
+        }
+        assert_true(bytes[1] - bytes[0] == rows[k][3] * GIB);
+    }
+    sgs_threads_set(0);
+}
+
+// With a cache, photos are also decoded beside the training: by its threads and the caller.
+static void decoding_adds_to_the_training_only_with_a_cache(void **state)
+{
+    (void)state;
+    sgs_view view = one_view(8192, 4096);
+    sgs_scene scene = {.view_count = 1, .views = &view, .extent = 1, .photo_bytes = GIB};
+    size_t bytes[2][2];
+    sgs_threads_set(16);
+    for (int cached = 0; cached < 2; ++cached)
+        for (int decodes = 0; decodes < 2; ++decodes) {
+            scene.decode_bytes = decodes ? 1000 : 0;
+            scene.decode_limit = GIB;
+            bytes[cached][decodes] = estimate(&scene, cached ? GIB / 2 : 0, 1000000);
+        }
+    assert_int_equal(bytes[0][1], bytes[0][0]);
+    assert_int_equal(bytes[1][1] - bytes[1][0], 3000);
+    assert_int_equal(bytes[0][0] - bytes[1][0], GIB / 2);
+    sgs_threads_set(0);
+}
+
+// 5 moments of 1 + 26 rows in double precision for each thread, 6 MB of other memory. With many
+// primitives, the training has the peak.
+static void the_scratch_of_the_evaluation_is_estimated(void **state)
+{
+    (void)state;
+    sgs_view view = one_view(65536, 16);
+    const sgs_scene scene = {.view_count = 1, .views = &view, .extent = 1};
+    size_t bytes[2][2];
+    for (int many = 0; many < 2; ++many)
+        for (int k = 0; k < 2; ++k) {
+            sgs_threads_set(k ? 8 : 4);
+            bytes[many][k] = estimate(&scene, 0, many ? 1000000 : 0);
+        }
+    assert_int_equal(bytes[0][1] - bytes[0][0], 4 * (6000000 + 5 * 27 * 8 * 65536));
+    sgs_threads_set(8);
+    sgs_view narrow = one_view(16, 65536);
+    const sgs_scene other = {.view_count = 1, .views = &narrow, .extent = 1};
+    assert_int_equal(bytes[1][1], estimate(&other, 0, 1000000));
+    sgs_threads_set(0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(photos_are_decoded_by_every_thread),
+        cmocka_unit_test(decoding_adds_to_the_training_only_with_a_cache),
+        cmocka_unit_test(the_scratch_of_the_evaluation_is_estimated),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

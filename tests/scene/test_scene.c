@@ -250,31 +250,6 @@ static void missing_and_broken_images_are_skipped_and_counted(void **state)
     tree_remove(&folder);
 }
 
-// The missing part of a JPEG or PNG file is found in advance, unless only headers are read.
-static void truncated_images_are_skipped(void **state)
-{
-    (void)state;
-    const temp_folder folder = scene_make("sparse/0/", true, "images");
-    size_t size;
-    unsigned char *bytes = file_get(temp_path(&folder, "images/b.png"), &size);
-    file_put(temp_path(&folder, "images/b.png"), bytes, size - 12); // without the chunk IEND
-    free(bytes);
-    for (int k = 0; k < 3; ++k) {
-        sgs_scene_options options = sgs_scene_options_default();
-        options.load_images = k == 0;
-        options.headers_only = k == 2;
-        warnings_begin(state);
-        sgs_scene *scene = load(folder.path, &options);
-        assert_int_equal(scene->view_count, k == 2 ? 4 : 3);
-        assert_int_equal(scene->images_missing, k == 2 ? 0 : 1);
-        if (k < 2)
-            assert_holds(warnings, "images/b.png: the image file is truncated; copy it again; the "
-                                   "view is skipped");
-        sgs_scene_destroy(scene);
-    }
-    tree_remove(&folder);
-}
-
 static void images_without_a_pose_are_counted(void **state)
 {
     (void)state;
@@ -802,7 +777,6 @@ int main(void)
         cmocka_unit_test_setup(wide_images_are_downscaled_to_1600_pixels_with_a_warning,
                                warnings_begin),
         cmocka_unit_test_setup(missing_and_broken_images_are_skipped_and_counted, warnings_begin),
-        cmocka_unit_test_setup(truncated_images_are_skipped, warnings_begin),
         cmocka_unit_test_setup(images_without_a_pose_are_counted, warnings_begin),
         cmocka_unit_test_setup(images_behind_links_are_counted_once, warnings_begin),
         cmocka_unit_test_setup(named_pipes_are_refused, warnings_begin),

@@ -34,8 +34,9 @@ void sgsi_spectrum_free(sgsi_spectrum *spectrum)
 static sgs_status spectrum_create(int width, int height, sgsi_spectrum *spectrum)
 {
     *spectrum = (sgsi_spectrum){.width = width, .height = height};
-    spectrum->magnitude = sgsi_calloc((size_t)width * (size_t)height, sizeof(double));
-    spectrum->table = sgsi_calloc((size_t)(width + 1) * (size_t)(height + 1), sizeof(double));
+    spectrum->magnitude = sgsi_calloc_shared((size_t)width * (size_t)height, sizeof(double));
+    spectrum->table =
+        sgsi_calloc_shared((size_t)(width + 1) * (size_t)(height + 1), sizeof(double));
     if (spectrum->magnitude && spectrum->table)
         return SGS_STATUS_OK;
     sgsi_spectrum_free(spectrum);
@@ -44,17 +45,35 @@ static sgs_status spectrum_create(int width, int height, sgsi_spectrum *spectrum
                      height);
 }
 
+// Sums along each row, from left to right.
+static void sum_row(void *context, size_t y, int thread)
+{
+    (void)thread;
+    const sgsi_spectrum *s = context;
+    const size_t width = (size_t)s->width;
+    const double *magnitude = s->magnitude + y * width;
+    double *sums = s->table + (y + 1) * (width + 1) + 1, sum = 0.0;
+    for (size_t x = 0; x < width; ++x) {
+        sum += magnitude[x];
+        sums[x] = sum;
+    }
+}
+
+// Adds them from top to bottom.
+static void sum_columns(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const sgsi_spectrum *s = context;
+    const size_t pitch = (size_t)s->width + 1;
+    for (size_t y = 1; y < (size_t)s->height; ++y)
+        for (size_t x = begin + 1; x <= end; ++x)
+            s->table[(y + 1) * pitch + x] += s->table[y * pitch + x];
+}
+
 static void fill_table(sgsi_spectrum *s)
 {
-    const size_t pitch = (size_t)s->width + 1;
-    for (int y = 0; y < s->height; ++y) {
-        double row = 0.0;
-        for (int x = 0; x < s->width; ++x) {
-            row += s->magnitude[(size_t)y * (size_t)s->width + (size_t)x];
-            s->table[(size_t)(y + 1) * pitch + (size_t)x + 1] =
-                s->table[(size_t)y * pitch + (size_t)x + 1] + row;
-        }
-    }
+    sgsi_parallel_for((size_t)s->height, 8, sum_row, s);
+    sgsi_parallel_ranges((size_t)s->width, 64, sum_columns, s);
 }
 
 // Two-dimensional transform of real numbers: all rows, then the columns of one half, which the
@@ -64,6 +83,7 @@ typedef struct transform2d {
     int channel, half_width;
     sgsi_fourier *row, *column;
     double (*half)[2];       // [height][half_width]
+    double *magnitude;       // [height][width]
     double *lines, *scratch; // per thread
     size_t line_size, scratch_size;
 } transform2d;
@@ -94,21 +114,28 @@ static void transform_column(void *context, size_t x, int thread)
         memcpy(t->half[y * pitch + x], line + 2 * y, sizeof *t->half);
 }
 
-// Adds the centred magnitudes of one channel.
-static void add_channel(transform2d *t, int channel, double *magnitude)
+// Adds the magnitudes of one row of frequencies to the centred ones.
+static void add_magnitudes(void *context, size_t row, int thread)
 {
-    const int w = t->image->width, h = t->image->height;
+    (void)thread;
+    const transform2d *t = context;
+    const int w = t->image->width, h = t->image->height, ky = (int)row, y = (ky + h / 2) % h;
+    double *magnitude = t->magnitude + (size_t)y * (size_t)w;
+    for (int kx = 0; kx < w; ++kx) {
+        const bool mirrored = kx >= t->half_width;
+        const int fx = mirrored ? w - kx : kx, fy = mirrored ? (h - ky) % h : ky;
+        const double *z = t->half[(size_t)fy * (size_t)t->half_width + (size_t)fx];
+        magnitude[(kx + w / 2) % w] += sqrt(z[0] * z[0] + z[1] * z[1]);
+    }
+}
+
+static void add_channel(transform2d *t, int channel)
+{
+    const size_t h = (size_t)t->image->height;
     t->channel = channel;
-    sgsi_parallel_for((size_t)h, 8, transform_row, t);
+    sgsi_parallel_for(h, 8, transform_row, t);
     sgsi_parallel_for((size_t)t->half_width, 8, transform_column, t);
-    for (int ky = 0; ky < h; ++ky)
-        for (int kx = 0; kx < w; ++kx) {
-            const bool mirrored = kx >= t->half_width;
-            const int fx = mirrored ? w - kx : kx, fy = mirrored ? (h - ky) % h : ky;
-            const double *z = t->half[(size_t)fy * (size_t)t->half_width + (size_t)fx];
-            const int x = (kx + w / 2) % w, y = (ky + h / 2) % h;
-            magnitude[(size_t)y * (size_t)w + (size_t)x] += sqrt(z[0] * z[0] + z[1] * z[1]);
-        }
+    sgsi_parallel_for(h, 8, add_magnitudes, t);
 }
 
 sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum)
@@ -122,6 +149,7 @@ sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum)
                      .half_width = image->width / 2 + 1,
                      .row = sgsi_fourier_create(image->width),
                      .column = sgsi_fourier_create(image->height),
+                     .magnitude = spectrum->magnitude,
                      .line_size = 2 * (size_t)longer};
     if (t.row && t.column) {
         const size_t of_rows = sgsi_fourier_scratch(t.row),
@@ -133,7 +161,7 @@ sgs_status sgsi_spectrum_of(const sgs_image8 *image, sgsi_spectrum *spectrum)
     }
     if (t.half && t.lines && t.scratch) {
         for (int c = 0; c < 3; ++c)
-            add_channel(&t, c, spectrum->magnitude);
+            add_channel(&t, c);
         fill_table(spectrum);
     } else {
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
@@ -230,6 +258,19 @@ static size_t frequent_size(const sgsi_image_source *images, int *width, int *he
     return most;
 }
 
+typedef struct mean_job {
+    const double *from;
+    double *mean, count;
+} mean_job;
+
+static void add_share(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const mean_job *job = context;
+    for (size_t k = begin; k < end; ++k)
+        job->mean[k] += job->from[k] / job->count;
+}
+
 sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan)
 {
     int width = 1, height = 1;
@@ -246,10 +287,12 @@ sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi
         if (status)
             break;
         scale_max = fmin(scale_max, solve(&one, start_share * whole(&one)));
+        mean_job job = {one.magnitude, mean.magnitude, (double)most};
         if (one.width == mean.width && one.height == mean.height)
-            for (size_t k = 0; k < (size_t)one.width * (size_t)one.height; ++k)
-                mean.magnitude[k] += one.magnitude[k] / (double)most;
+            sgsi_parallel_ranges((size_t)one.width * (size_t)one.height, 1 << 14, add_share, &job);
         sgsi_spectrum_free(&one);
+        if (images->advance)
+            status = images->advance(images->context);
     }
     if (!status) {
         fill_table(&mean);

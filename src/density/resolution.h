@@ -30,10 +30,12 @@ typedef struct sgsi_image_source {
     size_t count;
     void (*size)(void *context, size_t i, int *width, int *height);
     sgs_status (*get)(void *context, size_t i, sgs_image8 *image); // valid until the next call
+    sgs_status (*advance)(void *context);                          // after each image, or NULL
 } sgsi_image_source;
 
 // Plans the levels for iterations up to `until`. The images of the most frequent size define the
-// mean spectrum; all images limit the largest scale. Fails with OUT_OF_MEMORY or as `get` does.
+// mean spectrum; all images limit the largest scale. Fails with OUT_OF_MEMORY or as `get` and
+// `advance` do.
 sgs_status sgsi_resolution_plan(const sgsi_image_source *images, int until, sgsi_resolution *plan);
 // Half the size for iterations before `until`.
 sgsi_resolution sgsi_resolution_half(int until);

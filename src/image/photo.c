@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/threads.h"
 #include "image/half.h"
 #include "image/mask.h"
 #include "sparegs/image.h"
@@ -58,13 +59,28 @@ size_t sgsi_photo_decode_bytes(const sgsi_image_info *info)
     return pixels * (size_t)info->channels + pixels / 2;
 }
 
+typedef struct over_job {
+    const sgs_photo *photo;
+    const float *background;
+    uint8_t *bytes;
+} over_job;
+
+static void over_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const over_job *job = context;
+    const size_t plane = (size_t)job->photo->width * (size_t)job->photo->height;
+    for (size_t c = 0; c < 3; ++c)
+        for (size_t i = begin; i < end; ++i) {
+            const float value = sgsi_photo_over(job->photo, c, i, job->background);
+            job->bytes[c * plane + i] = (uint8_t)(255.0f * fmaxf(fminf(value, 1.0f), 0.0f) + 0.5f);
+        }
+}
+
 void sgsi_photo_over_bytes(const sgs_photo *photo, const float background[3], uint8_t *bytes)
 {
-    const size_t plane = (size_t)photo->width * (size_t)photo->height;
-    for (size_t k = 0; k < 3 * plane; ++k) {
-        const float value = sgsi_photo_over(photo, k / plane, k % plane, background);
-        bytes[k] = (uint8_t)(255.0f * fmaxf(fminf(value, 1.0f), 0.0f) + 0.5f);
-    }
+    over_job job = {photo, background, bytes};
+    sgsi_parallel_ranges((size_t)photo->width * (size_t)photo->height, 1 << 14, over_range, &job);
 }
 
 sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info,

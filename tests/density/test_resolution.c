@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "base/core.h"
+#include "base/threads.h"
 #include "density/resolution.h"
 #include "sparegs/image.h"
 
@@ -97,6 +98,42 @@ static void spectrum_is_the_sum_that_defines_it(void **state)
     }
 }
 
+// The table has the bits of one loop: sums along a row, added from top to bottom.
+static void spectra_do_not_depend_on_the_threads(void **state)
+{
+    (void)state;
+    const int sizes[][2] = {{97, 61}, {1, 40}, {130, 1}, {64, 200}};
+    for (int n = 0; n < 4; ++n) {
+        const int w = sizes[n][0], h = sizes[n][1];
+        sgs_image8 image = make_image(w, h, 5, 0.6);
+        sgsi_spectrum first;
+        sgsi_threads_set(1);
+        assert_int_equal(sgsi_spectrum_of(&image, &first), SGS_STATUS_OK);
+        const size_t pitch = (size_t)w + 1, cells = pitch * ((size_t)h + 1);
+        for (size_t y = 0; y < (size_t)h; ++y) {
+            double row = 0;
+            for (size_t x = 0; x < (size_t)w; ++x) {
+                row += first.magnitude[y * (size_t)w + x];
+                assert_true(first.table[(y + 1) * pitch + x + 1] ==
+                            first.table[y * pitch + x + 1] + row);
+            }
+            assert_true(first.table[y * pitch] == 0);
+        }
+        for (int threads = 2; threads < 8; threads += 3) {
+            sgsi_spectrum other;
+            sgsi_threads_set(threads);
+            assert_int_equal(sgsi_spectrum_of(&image, &other), SGS_STATUS_OK);
+            assert_memory_equal(first.table, other.table, cells * sizeof(double));
+            assert_memory_equal(first.magnitude, other.magnitude,
+                                (size_t)w * (size_t)h * sizeof(double));
+            sgsi_spectrum_free(&other);
+        }
+        sgsi_threads_set(0);
+        sgsi_spectrum_free(&first);
+        sgs_image8_free(&image);
+    }
+}
+
 static void levels_follow_the_published_formulae(void **state)
 {
     (void)state;
@@ -121,7 +158,7 @@ static void levels_follow_the_published_formulae(void **state)
     }
     sgsi_resolution plan;
     assert_int_equal(
-        sgsi_resolution_plan(&(sgsi_image_source){images, 3, size_of, get}, 27000, &plan),
+        sgsi_resolution_plan(&(sgsi_image_source){images, 3, size_of, get, NULL}, 27000, &plan),
         SGS_STATUS_OK);
     assert_true(fabs(plan.scale[0] - scale_max) <= 2e-3 * scale_max);
     assert_true(plan.scale[0] > 1.5);
@@ -133,7 +170,7 @@ static void levels_follow_the_published_formulae(void **state)
     }
     // With one image, energies and begins follow from its spectrum.
     assert_int_equal(
-        sgsi_resolution_plan(&(sgsi_image_source){images + 2, 1, size_of, get}, 27000, &plan),
+        sgsi_resolution_plan(&(sgsi_image_source){images + 2, 1, size_of, get, NULL}, 27000, &plan),
         SGS_STATUS_OK);
     const double least = sgsi_spectrum_window(&mean, plan.scale[0]),
                  total = sgsi_spectrum_window(&mean, 1);
@@ -176,7 +213,7 @@ static void flat_images_have_a_valid_scale(void **state)
         image.pixels[i] = 100; // all energy is at frequency 0, in every window
     sgsi_resolution plan;
     assert_int_equal(
-        sgsi_resolution_plan(&(sgsi_image_source){&image, 1, size_of, get}, 1000, &plan),
+        sgsi_resolution_plan(&(sgsi_image_source){&image, 1, size_of, get, NULL}, 1000, &plan),
         SGS_STATUS_OK);
     for (int t = 1; t < 1100; t += 7)
         assert_in_range(sgsi_resolution_at(&plan, t), 1, 8);
@@ -287,6 +324,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(spectrum_is_the_sum_that_defines_it),
+        cmocka_unit_test(spectra_do_not_depend_on_the_threads),
         cmocka_unit_test(levels_follow_the_published_formulae),
         cmocka_unit_test(half_size_ends_at_the_given_iteration),
         cmocka_unit_test(flat_images_have_a_valid_scale),

@@ -204,6 +204,11 @@ typedef struct sgs_train_options {
     // as in the paper. Below 0: 0, or 0.01 in runs with the noise of SGS_PIPELINE_MCMC, which moves
     // primitives far away; -1.
     double spare_grid_quantile;
+    // Called while sgs_trainer_create prepares the photos of the training views, for a region or
+    // SGS_PIPELINE_DASH: after every view, or NULL. If it returns false, sgs_trainer_create fails
+    // with SGS_STATUS_CANCELLED.
+    sgs_progress_fn progress;
+    void *progress_user;
 } sgs_train_options;
 
 // Cannot fail.
@@ -308,7 +313,7 @@ SGS_API size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train
 // Creates a trainer; release it with sgs_trainer_destroy. The scene, with loaded images, must
 // outlive it. Options and options->init are copied; options NULL = the defaults. Fails with
 // INVALID_ARGUMENT (the error names the field), OUT_OF_MEMORY, LIMIT, UNSUPPORTED or INTERNAL
-// (Embree), or as sgs_scene_photo does; *trainer is then NULL.
+// (Embree), CANCELLED by options->progress, or as sgs_scene_photo does; *trainer is then NULL.
 SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
                                       sgs_trainer **trainer);
 // The same with *init, which may be NULL, in place of options->init. The trainer takes it over

@@ -96,11 +96,21 @@ static sgs_status copy_shape(const sgs_photo *from, sgs_photo *to)
     return SGS_STATUS_OK;
 }
 
-static sgs_status draw(sgsi_train_views *views, sgsi_train_view *view, const sgs_gaussians *model)
+// The first view builds the BVH, the others refit it.
+static sgs_status draw_model(sgsi_train_views *views, sgsi_train_view *view,
+                             const sgs_gaussians *model)
 {
     view->model = model;
-    views->rebuild = true;
     const sgs_status status = sgsi_train_view_project(views, view);
+    return status ? status : sgsi_train_view_forward(views, view);
+}
+
+// The marks have the shapes of the model: the BVH and the bounds in it stay valid.
+static sgs_status draw_marks(sgsi_train_views *views, sgsi_train_view *view,
+                             const sgs_gaussians *marks)
+{
+    view->model = marks;
+    const sgs_status status = sgsi_tracer_project(views->rows, marks, &view->view, NULL, NULL);
     return status ? status : sgsi_train_view_forward(views, view);
 }
 
@@ -109,7 +119,7 @@ static sgs_status make_target(sgsi_train_views *views, sgsi_train_view *view,
 {
     const sgs_train_options *options = views->options;
     sgs_photo *target = &views->targets[view->index];
-    sgs_status status = draw(views, view, model);
+    sgs_status status = draw_model(views, view, model);
     if (status)
         return status;
     const size_t n = views->plane_floats;
@@ -117,7 +127,7 @@ static sgs_status make_target(sgsi_train_views *views, sgsi_train_view *view,
     memcpy(color, view->planes.color[0], 3 * n * sizeof *color); // the planes are adjacent
     for (int c = 0; c < 3; ++c)
         job.background[c] = options->background_random ? 0.0f : options->background[c];
-    status = draw(views, view, marks);
+    status = draw_marks(views, view, marks);
     if (!status)
         status = copy_shape(view->target, target);
     if (!status)
@@ -147,6 +157,8 @@ sgs_status sgsi_region_targets_make(sgsi_train_views *views, const sgs_gaussians
         views->targets = targets;
         if (!status)
             status = make_target(views, &view, model, marks, color);
+        if (!status)
+            status = sgsi_train_views_advance(views);
     }
     views->targets = targets;
     views->rebuild = true;

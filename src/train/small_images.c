@@ -22,7 +22,7 @@ static sgs_image8 pixels_of(const sgs_photo *photo)
 
 // The photos of a plan.
 typedef struct plan_source {
-    const sgsi_train_views *views;
+    sgsi_train_views *views;
     uint8_t *bytes; // of a photo with alpha, over the background
 } plan_source;
 
@@ -65,10 +65,15 @@ static sgs_status view_pixels(void *context, size_t i, sgs_image8 *image)
     return SGS_STATUS_OK;
 }
 
-sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi_resolution *plan)
+static sgs_status advance(void *context)
+{
+    return sgsi_train_views_advance(((const plan_source *)context)->views);
+}
+
+sgs_status sgsi_small_images_plan(sgsi_train_views *views, int until, sgsi_resolution *plan)
 {
     plan_source source = {views, NULL};
-    const sgsi_image_source images = {&source, views->count, view_size, view_pixels};
+    const sgsi_image_source images = {&source, views->count, view_size, view_pixels, advance};
     const sgs_status status = sgsi_resolution_plan(&images, until, plan);
     sgsi_free(source.bytes);
     return status;

@@ -8,9 +8,9 @@
 #include "density/resolution.h"
 #include "train/train_view.h"
 
-// Plans the sizes for iterations up to `until`. Fails with UNSUPPORTED when a photo is not
-// 8-bit.
-sgs_status sgsi_small_images_plan(const sgsi_train_views *views, int until, sgsi_resolution *plan);
+// Plans the sizes for iterations up to `until`. Reports every view (sgsi_train_views_advance).
+// Fails with UNSUPPORTED when a photo is not 8-bit, or with CANCELLED.
+sgs_status sgsi_small_images_plan(sgsi_train_views *views, int until, sgsi_resolution *plan);
 
 // The photos at `scale` (>= 1), or images->scale 0 if it is the current scale. Reduces them
 // all, unless the scene has an image cache. Fails with OUT_OF_MEMORY, with UNSUPPORTED when a

@@ -7,6 +7,7 @@
 // Independent of trainer, optimiser and density control. For views that are only rendered, the
 // stages end with the image.
 
+#include "base/core.h"
 #include "density/schedule.h"
 #include "loss/exposure.h"
 #include "loss/loss.h"
@@ -47,6 +48,7 @@ typedef struct sgsi_train_views {
     sgs_ranks *ranks;    // that share views and rows, or NULL
     struct sgsi_view_ranks *view_ranks; // NULL without several ranks
     struct sgsi_view_shards *view_shards;
+    size_t prepared, to_prepare; // photos, before training: see sgsi_train_views_advance
 } sgsi_train_views;
 
 // The pixels of a view that several ranks need.
@@ -103,6 +105,19 @@ sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_opti
 // The schedule of a run on the training views of a scene, which may be loaded without its
 // photos. Cannot fail.
 sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options);
+
+// Reports that another photo of views->to_prepare was prepared for training to options->progress.
+// Fails with CANCELLED.
+static inline sgs_status sgsi_train_views_advance(sgsi_train_views *views)
+{
+    const sgs_train_options *options = views->options;
+    ++views->prepared;
+    if (!options->progress ||
+        options->progress(options->progress_user, views->prepared, views->to_prepare))
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_CANCELLED, "%s: cancelled after preparing %zu of %zu photos",
+                     views->scene->path, views->prepared, views->to_prepare);
+}
 
 // Sets all depth bounds to "unknown". Cannot fail.
 void sgsi_train_views_forget_depths(sgsi_train_views *views);

@@ -41,6 +41,12 @@ static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
     sgsi_train_views_forget_depths(&trainer->views);
 }
 
+// True if the image sizes follow from the photos.
+static bool plans_images(const sgs_trainer *trainer)
+{
+    return trainer->pipeline->small_images && !trainer->scene->float_images;
+}
+
 // Plans the image sizes, if the pipeline or the schedule changes them, and sets the first one. A
 // model to start from (`has_init`) is not trained with images of half the size.
 static sgs_status plan_resolution(sgs_trainer *trainer, bool has_init)
@@ -91,7 +97,9 @@ static sgs_status create_parts(sgs_trainer *trainer)
     if (!trainer->order || !trainer->view_fits || (prefetches && !trainer->next_order))
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views", views->count);
     status = sgsi_trainer_create_model(trainer);
-    if (!status && trainer->fixed && !trainer->options.exposure)
+    const bool mixes = trainer->fixed && !trainer->options.exposure;
+    views->to_prepare = ((size_t)mixes + plans_images(trainer)) * views->count;
+    if (!status && mixes)
         status = sgsi_region_targets_make(views, trainer->model, sgsi_trainer_trained(trainer),
                                           trainer->filter_3d);
     return status ? status : plan_resolution(trainer, has_init);

@@ -65,6 +65,22 @@ reports "block_1: resuming at iteration 60"
 check resumed_block_has_the_same_bits test \
     "$(jq -r .model_hash "$dir/block_1/summary.json")" = "$(jq -r .model_hash "$temporary/straight/summary.json")"
 
+# a_signal_ends_the_mixing_of_the_images (of full size with one thread, so that it takes long enough)
+last_command="sparegs train --region and SIGTERM"
+"$program" train "$room" -o "$temporary/stopped" --region "$dir/blocks.json:1" --init "$dir/coarse" --iterations 100000 --threads 1 \
+    2>"$temporary/stderr" &
+process=$!
+for _ in $(seq 2400); do
+    if grep -q "mixing the images" "$temporary/stderr" || ! kill -0 "$process" 2>/dev/null; then break; fi
+    sleep 0.05
+done
+kill -TERM "$process"
+status=0
+wait "$process" || status=$?
+check the_status_is_that_of_sigterm test "$status" -eq 143
+reports "stopped: stopped before the first iteration; nothing was written"
+check nothing_was_written test ! -e "$temporary/stopped"
+
 # another_initial_model_is_refused
 mv "$dir/coarse" "$dir/kept"
 cp -r "$dir/block_0" "$dir/coarse"

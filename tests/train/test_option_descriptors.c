@@ -32,6 +32,8 @@ static void cover(unsigned char covered[sizeof(sgs_train_options)])
 {
     memset(covered, 0, sizeof(sgs_train_options));
     memset(covered, 1, sizeof((sgs_train_options *)0)->struct_size); // no option
+    memset(covered + offsetof(sgs_train_options, progress), 1,
+           sizeof(sgs_train_options) - offsetof(sgs_train_options, progress)); // a callback
     for (size_t i = 0; i < row_count; ++i) {
         assert_true(rows[i].offset + rows[i].size <= sizeof(sgs_train_options));
         for (size_t k = 0; k < rows[i].size; ++k)

@@ -3,7 +3,8 @@
 
 // Training of a region: primitives outside keep their bytes through steps, structural updates,
 // noise and resets of all pipelines; those inside change, stay inside and are limited by the cap;
-// resuming gives the same bits; the images that regions train towards add up to the photos.
+// resuming gives the same bits; the images that regions train towards add up to the photos, and
+// their preparation reports every view.
 
 #include <math.h>
 #include <setjmp.h>
@@ -370,6 +371,71 @@ static void targets_of_two_halves_add_up_to_the_photos(void **state)
     sgs_scene_destroy(hdr);
 }
 
+// A trainer of one view alone builds the BVH for it; that of all views refits the one of the first.
+static void targets_of_a_view_do_not_depend_on_other_views(void **state)
+{
+    (void)state;
+    const sgs_train_options options = options_of(SGS_PIPELINE_3DGS);
+    sgs_trainer *all = trainer_create(scene, &options);
+    const sgsi_trace_seconds seconds = sgsi_tracer_seconds(all->views.tracer);
+    assert_true(seconds.bvh_build == 0 && seconds.bvh_refit > 0);
+    size_t differs = 0;
+    for (size_t v = 0; v < scene->view_count; v += 5) {
+        sgs_scene one = *scene;
+        one.views = scene->views + v;
+        one.view_count = 1;
+        sgs_trainer *alone = trainer_create(&one, &options);
+        const sgs_photo *a = &all->views.targets[v], *b = &alone->views.targets[0],
+                        *photo = &scene->views[v].image;
+        const size_t values = (size_t)a->channels * (size_t)a->width * (size_t)a->height;
+        assert_memory_equal(a->pixels, b->pixels, values);
+        differs += memcmp(a->pixels, photo->pixels, values) != 0;
+        sgs_trainer_destroy(alone);
+    }
+    assert_true(differs > 2);
+    sgs_trainer_destroy(all);
+}
+
+typedef struct preparation {
+    size_t calls, done, total, limit; // limit: of the calls that continue
+} preparation;
+
+static bool count_preparation(void *user, size_t done, size_t total)
+{
+    preparation *p = user;
+    ++p->calls;
+    p->done = done;
+    p->total = total;
+    return done < p->limit;
+}
+
+static void preparing_images_reports_every_view_and_can_be_cancelled(void **state)
+{
+    (void)state;
+    for (int pipeline = SGS_PIPELINE_3DGS; pipeline <= SGS_PIPELINE_DASH;
+         pipeline += SGS_PIPELINE_DASH - SGS_PIPELINE_3DGS)
+        for (int whole = 0; whole < 2; ++whole) { // without a region
+            sgs_train_options options = options_of(pipeline);
+            const size_t views = scene->view_count,
+                         total = views * ((pipeline == SGS_PIPELINE_DASH) + !whole);
+            if (whole)
+                options.region = sgs_box_infinite();
+            preparation p = {.limit = SIZE_MAX};
+            options.progress = count_preparation;
+            options.progress_user = &p;
+            sgs_trainer_destroy(trainer_create(scene, &options));
+            assert_true(p.calls == total && p.done == total && p.total == total);
+            for (size_t limit = 1; limit < total; limit += views - 1) {
+                sgs_trainer *trainer = NULL;
+                p = (preparation){.limit = limit};
+                assert_int_equal(sgs_trainer_create(scene, &options, &trainer),
+                                 SGS_STATUS_CANCELLED);
+                assert_null(trainer);
+                assert_true(p.calls == limit && p.total == total);
+            }
+        }
+}
+
 static void a_region_without_primitives_is_refused(void **state)
 {
     (void)state;
@@ -393,6 +459,8 @@ int main(void)
         cmocka_unit_test(a_resumed_region_has_the_same_bits),
         cmocka_unit_test(a_region_trains_all_sh_bands_from_the_first_iteration),
         cmocka_unit_test(targets_of_two_halves_add_up_to_the_photos),
+        cmocka_unit_test(targets_of_a_view_do_not_depend_on_other_views),
+        cmocka_unit_test(preparing_images_reports_every_view_and_can_be_cancelled),
         cmocka_unit_test(a_region_without_primitives_is_refused),
     };
     return cmocka_run_group_tests(tests, prepare, clean);

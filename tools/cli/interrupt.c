@@ -19,6 +19,7 @@ static atomic_int received; // the signal, with PASSED_ON while only the forward
 static atomic_long received_at; // seconds, of the first one that is not forwarded
 static atomic_int stop_wanted;  // by the program itself; the handlers do not look at it
 static atomic_int checkpoint_wanted;
+static atomic_bool call_cancelled;
 
 static long seconds(void)
 {
@@ -115,6 +116,16 @@ void interrupt_follow(int signal_number)
 void interrupt_want_checkpoint(void)
 {
     checkpoint_wanted = 1;
+}
+
+void interrupt_note_cancelled(bool cancelled)
+{
+    call_cancelled = cancelled;
+}
+
+bool interrupt_was_cancelled(void)
+{
+    return call_cancelled;
 }
 
 bool interrupt_take_checkpoint(void)

@@ -33,6 +33,11 @@ bool interrupt_is_request(void);
 // signal itself may still arrive here. No effect after a signal.
 void interrupt_follow(int signal_number);
 
+// Records whether the last long call of the library was cancelled because of such a request. Its
+// command fails without an error of its own, and the program exits with interrupt_status().
+void interrupt_note_cancelled(bool cancelled);
+bool interrupt_was_cancelled(void);
+
 // True once per request for a checkpoint.
 bool interrupt_take_checkpoint(void);
 

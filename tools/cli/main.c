@@ -189,7 +189,7 @@ int main(int argc, char **argv)
     messages_hear_library(true);
     int status = run(argc, argv);
     group_let_lead_speak(status);
-    if (status == EXIT_FAILED && scene_open_was_cancelled())
+    if (status == EXIT_FAILED && interrupt_was_cancelled())
         status = interrupt_status();
     const bool printed = json_result_print(status, wants_json(argc, argv));
     // Standard output may hold the result, so a failed write (a full disk) is an error.

@@ -21,7 +21,7 @@ static sgs_ranks *ranks;
 static int machine_ranks = 1;
 static bool told;         // the failure of a call is printed
 static int silenced = -1; // standard error of a rank other than 0
-static bool cancelled;    // a rank was stopped while it loaded the scene
+static bool cancelled;    // a rank was stopped while it loaded the scene or created the trainer
 
 void group_silence(void)
 {
@@ -164,8 +164,8 @@ bool group_all(bool own)
     if (!ranks)
         return own;
     raise_own_signal();
-    const bool stopped = !own && scene_open_was_cancelled();
-    const char *text = stopped ? "stopped while loading the scene" : last_error_text();
+    const bool stopped = !own && interrupt_was_cancelled();
+    const char *text = stopped ? "stopped before the first iteration" : last_error_text();
     const sgs_status failure = stopped ? SGS_STATUS_CANCELLED : SGS_STATUS_IO;
     const sgs_status status = sgs_ranks_agree_text(ranks, own ? SGS_STATUS_OK : failure, text);
     cancelled = status == SGS_STATUS_CANCELLED;

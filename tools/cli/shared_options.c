@@ -270,18 +270,11 @@ static const char **json_strings(const json_t *list)
     return strings;
 }
 
-static bool loading_cancelled;
-
 static bool show_loading(void *user, size_t done, size_t total)
 {
     (void)user;
     progress_count("loading", done, total);
     return !interrupt_signal();
-}
-
-bool scene_open_was_cancelled(void)
-{
-    return loading_cancelled;
 }
 
 // The cameras alone, after a failure to load the scene with its photos.
@@ -341,8 +334,8 @@ static sgs_scene *open_scene(const char *path, const scene_values *values, bool 
     if (status == SGS_STATUS_IO && !with_photos)
         status = load_cameras(path, &options, &scene);
     progress_end();
-    loading_cancelled = status == SGS_STATUS_CANCELLED;
-    if (status && !loading_cancelled)
+    interrupt_note_cancelled(status == SGS_STATUS_CANCELLED);
+    if (status && status != SGS_STATUS_CANCELLED)
         fail_library();
     if (!status)
         note_cache(scene, values->cache_bytes);

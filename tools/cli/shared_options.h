@@ -74,13 +74,12 @@ void scene_share_memory(scene_values *values, const command_line *line, uint64_t
             "take image folder, size, split, filter and background from this run, for a model "    \
             "derived from it"                                                                      \
     }
-// Loads the scene; NULL after printing the error, or when a signal ended the loading.
+// Loads the scene; NULL after printing the error, or when a signal ended the loading
+// (interrupt_was_cancelled).
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // The same without images, and without an error if there are no photos. width, height: size of
 // views for which neither camera file nor photo gives one, or 0.
 sgs_scene *scene_open_cameras(const char *path, const scene_values *values, int width, int height);
-// True when a signal ended the last of these calls.
-bool scene_open_was_cancelled(void);
 // Warns about options that have no effect on a scene whose images are loaded.
 void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const command_line *line);
 // False after printing the error if a view has a name that JSON cannot hold; `where`: what would

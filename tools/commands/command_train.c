@@ -107,6 +107,28 @@ static bool memory_suffices(const training *run)
     return suffices;
 }
 
+static bool show_preparing(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_work("preparing images", done, total);
+    return !interrupt_signal();
+}
+
+// Creates the trainer from `init`, which may be NULL. False after printing the error or when a
+// signal ended it.
+static bool create_from(training *run, sgs_gaussians **init)
+{
+    sgs_train_options options = run->values.options;
+    options.progress = show_preparing;
+    progress_work_start();
+    const sgs_status status = sgs_trainer_create_from(run->scene, &options, init, &run->trainer);
+    progress_end();
+    interrupt_note_cancelled(status == SGS_STATUS_CANCELLED);
+    if (status && status != SGS_STATUS_CANCELLED)
+        fail_library();
+    return !status;
+}
+
 static bool create_trainer(training *run)
 {
     sgs_gaussians *init = NULL;
@@ -126,10 +148,7 @@ static bool create_trainer(training *run)
         sgs_gaussians_hash(init, run->init_hash);
     // Warnings about the initial model do not apply if a checkpoint replaces it.
     messages_hear_library(!run->values.resume || !run_folder_has_checkpoint(&run->folder));
-    if (ready && sgs_trainer_create_from(run->scene, &run->values.options, &init, &run->trainer)) {
-        fail_library();
-        ready = false;
-    }
+    ready = ready && create_from(run, &init);
     messages_hear_library(true);
     sgs_gaussians_destroy(init);
     ready = group_all(ready);
@@ -508,6 +527,12 @@ static int recall_options(training *run)
     return status < 0 ? resolve_values(run, line) : status;
 }
 
+static void print_stopped(const training *run)
+{
+    print_warning("%s: stopped before the first iteration; nothing was written",
+                  run->values.output);
+}
+
 // Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
 static int prepare(training *run)
 {
@@ -526,11 +551,14 @@ static int prepare(training *run)
                   evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
     loaded = group_all(loaded);
     if (loaded && group_stop_requested()) {
-        print_warning("%s: stopped before the first iteration; nothing was written",
-                      run->values.output);
+        print_stopped(run);
+        if (group_leads())
+            run_folder_leave(&run->folder);
         return interrupt_status();
     }
     loaded = loaded && create_trainer(run);
+    if (interrupt_was_cancelled())
+        print_stopped(run);
     if (loaded && group_all(!group_leads() || !has_no_time(run)))
         return open_folder(run) ? -1 : EXIT_FAILED;
     if (group_leads())

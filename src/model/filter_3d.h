@@ -11,11 +11,12 @@
 // The filter f3 of every primitive in two steps, because several processes may share a model.
 // views: [view_count] indices into scene->views, at least one. _sample writes the nearest depth
 // beyond near_limit, that of rendering, at which a view samples each primitive to filter_3d
-// [count], world units, -1 if none does, and returns the largest of them, 0 if there is none.
-// _scale turns the depths into filters, world units; `farthest`, the largest depth of the rows of
-// all processes, is that of primitives that no view samples. Cannot fail.
-float sgsi_filter_3d_sample(const sgs_gaussians *model, const sgs_scene *scene, const size_t *views,
-                            size_t view_count, double near_limit, float *filter_3d);
+// [count], world units, -1 if none does; *farthest: the largest of them, 0 if there is none. Fails
+// with OUT_OF_MEMORY. _scale turns the depths into filters, world units; `farthest`, the largest
+// depth of the rows of all processes, is that of primitives that no view samples. It cannot fail.
+sgs_status sgsi_filter_3d_sample(const sgs_gaussians *model, const sgs_scene *scene,
+                                 const size_t *views, size_t view_count, double near_limit,
+                                 float *filter_3d, float *farthest);
 void sgsi_filter_3d_scale(const sgs_scene *scene, const size_t *views, size_t view_count,
                           float farthest, float *filter_3d, size_t count);
 

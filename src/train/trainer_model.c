@@ -206,7 +206,7 @@ sgs_status sgsi_trainer_reserve_filter_3d(sgs_trainer *trainer)
     if (trainer->options.filter != SGS_FILTER_MIP)
         return SGS_STATUS_OK;
     sgsi_free(trainer->filter_3d);
-    trainer->filter_3d = sgsi_calloc(trainer->model->capacity, sizeof *trainer->filter_3d);
+    trainer->filter_3d = sgsi_calloc_shared(trainer->model->capacity, sizeof *trainer->filter_3d);
     return trainer->filter_3d ? SGS_STATUS_OK
                               : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                                           "not enough memory for the 3D filter of %zu primitives",
@@ -236,9 +236,9 @@ sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
     if (trainer->options.filter != SGS_FILTER_MIP)
         return status;
     if (!status)
-        farthest =
-            sgsi_filter_3d_sample(trainer->model, trainer->scene, views->scene_views, views->count,
-                                  sgs_near_distance(trainer->scene->extent), trainer->filter_3d);
+        status = sgsi_filter_3d_sample(trainer->model, trainer->scene, views->scene_views,
+                                       views->count, sgs_near_distance(trainer->scene->extent),
+                                       trainer->filter_3d, &farthest);
     if (sgsi_trainer_is_shared(trainer))
         status = share_largest(trainer, status, &farthest);
     if (!status)

@@ -226,7 +226,10 @@ static void fine_tuning_applies_the_3d_filter(void **state)
     assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
     float filter[COUNT];
     const size_t views[] = {0, 1, 2};
-    const float farthest = sgsi_filter_3d_sample(decoded, scene, views, PRUNE_VIEWS, 0.2, filter);
+    float farthest;
+    assert_int_equal(
+        sgsi_filter_3d_sample(decoded, scene, views, PRUNE_VIEWS, 0.2, filter, &farthest),
+        SGS_STATUS_OK);
     sgsi_filter_3d_scale(scene, views, PRUNE_VIEWS, farthest, filter, decoded->count);
     for (size_t i = 0; i < decoded->count; ++i)
         for (int k = 0; k < 3; ++k) {

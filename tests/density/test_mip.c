@@ -17,6 +17,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "base/threads.h"
 #include "model/filter_3d.h"
 #include "density/density.h"
 #include "density/pipeline.h"
@@ -38,7 +39,10 @@ static void check_sampling(double nearest_depth)
     }
     const sgs_scene set = {.view_count = 4, .views = views};
     float filter[200];
-    const float largest = sgsi_filter_3d_sample(scene.model, &set, used, 3, nearest_depth, filter);
+    float largest;
+    assert_int_equal(
+        sgsi_filter_3d_sample(scene.model, &set, used, 3, nearest_depth, filter, &largest),
+        SGS_STATUS_OK);
     sgsi_filter_3d_scale(&set, used, 3, largest, filter, 200);
     double nearest[200], farthest = 0;
     size_t unseen = 0;
@@ -76,6 +80,100 @@ static void filter_is_the_finest_sampling_of_all_views(void **state)
     (void)state;
     check_sampling(0.2);
     check_sampling(3.5);
+}
+
+enum { MANY_VIEWS = 600, MANY_ROWS = 900 };
+
+// The nearest depth at which a view samples a mean: one loop over all views.
+static double nearest_of_all(const sgs_view *views, const double mean[3], double limit)
+{
+    double nearest = INFINITY;
+    for (size_t v = 0; v < MANY_VIEWS; ++v) {
+        const sgs_camera *camera = &views[v].camera;
+        const double *f = camera->params, w = camera->width, h = camera->height;
+        double p[3], pixel[2];
+        for (int row = 0; row < 3; ++row)
+            p[row] = views[v].pose.rotation[3 * row] * mean[0] +
+                     views[v].pose.rotation[3 * row + 1] * mean[1] +
+                     views[v].pose.rotation[3 * row + 2] * mean[2] + views[v].pose.translation[row];
+        const bool fisheye = camera->model == SGS_CAMERA_OPENCV_FISHEYE;
+        const double depth = fisheye ? sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) : p[2];
+        pixel[0] = f[0] * p[0] / p[2] + f[2];
+        pixel[1] = f[1] * p[1] / p[2] + f[3];
+        if (!(depth > limit) || (fisheye && !sgs_camera_project(camera, p, pixel)))
+            continue;
+        if (pixel[0] >= -0.15 * w && pixel[0] <= 1.15 * w && pixel[1] >= -0.15 * h &&
+            pixel[1] <= 1.15 * h)
+            nearest = fmin(nearest, depth);
+    }
+    return nearest;
+}
+
+// Rows in Morton order, as in training, and in random order; some are far away or not finite. Views
+// on a sphere, some of them between the rows, every third with a fisheye lens. `narrow`: images of
+// a few rows only, so that most blocks are at a side of the pyramid.
+static void check_nearest(bool sorted, double narrow)
+{
+    sgs_gaussians *model;
+    static sgs_view views[MANY_VIEWS];
+    static float filter[MANY_ROWS + 16], expected[MANY_ROWS];
+    float expected_farthest = 0;
+    size_t used[MANY_VIEWS], sampled = 0;
+    assert_int_equal(sgs_gaussians_create(MANY_ROWS, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_resize(model, MANY_ROWS), SGS_STATUS_OK);
+    for (size_t i = 0; i < MANY_ROWS; ++i)
+        for (size_t k = 0; k < 3; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_MEAN + (int)k) =
+                (i % 97 ? 4 : 4000) * (float)(sgsi_random_uniform(31, 3 * i + k) - 0.5);
+    if (sorted)
+        assert_int_equal(sgsi_density_sort(model), SGS_STATUS_OK);
+    *sgs_gaussians_at(model, 700, SGS_PARAM_MEAN + 1) = NAN;
+    *sgs_gaussians_at(model, 701, SGS_PARAM_MEAN) = INFINITY;
+    for (size_t v = 0; v < MANY_VIEWS; ++v) {
+        const double far = 0.3 + 5 * sgsi_random_uniform(32, v),
+                     a = 6.28 * sgsi_random_uniform(33, v),
+                     b = 3 * sgsi_random_uniform(34, v) - 1.5;
+        used[v] = v;
+        views[v] = (sgs_view){.pose = oracle_pose_look_at(far * cos(a), far * sin(a), far * b)};
+        views[v].camera = oracle_camera(v % 3 ? SGS_CAMERA_PINHOLE : SGS_CAMERA_OPENCV_FISHEYE,
+                                        60 + (int)(v % 50), 50);
+        views[v].camera.params[0] *= narrow;
+        views[v].camera.params[1] *= narrow;
+    }
+    const sgs_scene set = {.view_count = MANY_VIEWS, .views = views};
+    for (size_t i = 0; i < MANY_ROWS; ++i) {
+        double mean[3];
+        for (int k = 0; k < 3; ++k)
+            mean[k] = (double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k);
+        const double nearest = nearest_of_all(views, mean, 0.2);
+        expected[i] = isinf(nearest) ? -1.0f : (float)nearest;
+        sampled += expected[i] > 0;
+        expected_farthest = fmaxf(expected_farthest, expected[i]);
+    }
+    for (int threads = 1; threads < 5; threads += 3) {
+        float farthest;
+        sgsi_threads_set(threads);
+        assert_int_equal(
+            sgsi_filter_3d_sample(model, &set, used, MANY_VIEWS, 0.2, filter, &farthest),
+            SGS_STATUS_OK);
+        sgsi_threads_set(0);
+        for (size_t i = 0; i < MANY_ROWS; ++i)
+            if (filter[i] != expected[i])
+                fail_msg("row %zu: %g, expected %g", i, (double)filter[i], (double)expected[i]);
+        assert_true(farthest == expected_farthest);
+    }
+    assert_true(filter[700] == -1 && filter[701] == -1);
+    assert_true(sampled > MANY_ROWS / 10 && (narrow == 1 || sampled < MANY_ROWS - 20));
+    sgs_gaussians_destroy(model);
+}
+
+static void the_nearest_view_is_found_among_many(void **state)
+{
+    (void)state;
+    for (int sorted = 0; sorted < 2; ++sorted) {
+        check_nearest(sorted, 1.0);
+        check_nearest(sorted, 15.0);
+    }
 }
 
 static void fused_model_looks_the_same_without_its_filter(void **state)
@@ -235,6 +333,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(filter_is_the_finest_sampling_of_all_views),
+        cmocka_unit_test(the_nearest_view_is_found_among_many),
         cmocka_unit_test(fused_model_looks_the_same_without_its_filter),
         cmocka_unit_test(filter_is_the_last_of_63_properties),
         cmocka_unit_test(reset_limits_the_filtered_opacity),

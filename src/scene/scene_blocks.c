@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/progress_calls.h"
 #include "base/threads.h"
 
 enum { PLANES = 1024 };
@@ -26,6 +27,7 @@ typedef struct planner {
     float low[3], high[3]; // box of the cameras
     sgs_box *grown;        // [blocks]
     uint8_t *member;       // [view_count][blocks]
+    sgsi_progress progress;
 } planner;
 
 sgs_block_options sgs_block_options_default(void)
@@ -209,20 +211,35 @@ static bool passes(const sgs_box *box, const float *center, const float *point)
     return begin <= end;
 }
 
-static void assign_view(void *context, size_t v, int thread)
+// Counts the lines of sight of a view to every `step`-th point, and adds those that pass each cell
+// to `in`.
+static size_t count_sights(const planner *p, size_t v, size_t step, size_t in[SGS_BLOCKS_MOST])
 {
-    (void)thread;
-    const planner *p = context;
     const sgs_scene *scene = p->scene;
-    const size_t blocks = p->blocks->count;
-    size_t seen = 0, in[SGS_BLOCKS_MOST] = {0};
-    for (size_t i = 0; i < scene->point_count; ++i) {
+    size_t seen = 0;
+    for (size_t i = 0; i < scene->point_count; i += step) {
         if (!sees(&scene->views[v], scene->points + 3 * i))
             continue;
         ++seen;
-        for (size_t b = 0; b < blocks; ++b)
+        for (size_t b = 0; b < p->blocks->count; ++b)
             in[b] += passes(&p->grown[b], p->centers + 3 * v, scene->points + 3 * i);
     }
+    return seen;
+}
+
+static void assign_view(void *context, size_t v, int thread)
+{
+    (void)thread;
+    planner *p = context;
+    const size_t blocks = p->blocks->count;
+    const size_t step = (p->scene->point_count + SGS_BLOCKS_SIGHTS - 1) / SGS_BLOCKS_SIGHTS;
+    size_t in[SGS_BLOCKS_MOST] = {0};
+    if (sgsi_progress_cancelled(&p->progress))
+        return;
+    size_t seen = count_sights(p, v, step, in);
+    if (!seen && step > 1)
+        seen = count_sights(p, v, 1, in);
+    sgsi_progress_advance(&p->progress);
     uint8_t *member = p->member + v * blocks;
     for (size_t b = 0; b < blocks; ++b)
         member[b] = seen ? (double)in[b] >= p->options.share * (double)seen
@@ -239,7 +256,12 @@ static sgs_status assign_views(planner *p)
                          p->scene->path);
     for (size_t b = 0; b < blocks; ++b)
         p->grown[b] = grow(p, &p->blocks->blocks[b].box);
+    sgsi_progress_begin(&p->progress, p->options.progress, p->options.progress_user, views);
     sgsi_parallel_for(views, 1, assign_view, p);
+    const bool cancelled = sgsi_progress_cancelled(&p->progress);
+    sgsi_progress_end(&p->progress);
+    if (cancelled)
+        return sgsi_fail(SGS_STATUS_CANCELLED, "%s: planning was cancelled", p->scene->path);
     for (size_t b = 0; b < blocks; ++b) {
         sgs_block *block = &p->blocks->blocks[b];
         for (size_t i = 0; i < p->scene->point_count; ++i)

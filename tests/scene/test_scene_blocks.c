@@ -215,6 +215,112 @@ static void a_quarter_of_the_lines_of_sight_pass_the_grown_cell(void **state)
     sgs_blocks_free(&blocks);
 }
 
+// A scene of so many points that every third one is used. Those have x < 5, all others x > 5. The
+// cameras stand in a line and look along z.
+static sgs_scene many_points(void)
+{
+    const size_t count = 2 * SGS_BLOCKS_SIGHTS + 1;
+    sgs_scene many = *scene;
+    many.point_count = count;
+    many.points = malloc(3 * count * sizeof *many.points);
+    for (size_t i = 0; i < count; ++i) {
+        many.points[3 * i] = (float)(5 * uniform(21, i) + (i % 3 ? 5.01 : 0));
+        many.points[3 * i + 1] = (float)(3 * uniform(22, i));
+        many.points[3 * i + 2] = (float)uniform(23, i);
+    }
+    many.views = malloc(VIEWS * sizeof *many.views);
+    for (size_t v = 0; v < VIEWS; ++v) {
+        many.views[v] = scene->views[v];
+        many.views[v].pose = (sgs_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                                        .translation = {-10.0 * (double)v / VIEWS, -1.5, 2}};
+    }
+    return many;
+}
+
+static bool is_member(const sgs_block *block, size_t view)
+{
+    for (size_t m = 0; m < block->view_count; ++m)
+        if (block->views[m] == view)
+            return true;
+    return false;
+}
+
+// Number of every `step`-th point in the image of a view with x in [low, high), pinhole by hand.
+static size_t points_in_image(const sgs_scene *of, size_t v, size_t step, float low, float high)
+{
+    size_t seen = 0;
+    const double *t = of->views[v].pose.translation;
+    for (size_t i = 0; i < of->point_count; i += step) {
+        const float *p = of->points + 3 * i;
+        const double z = p[2] + t[2], x = FOCAL * (p[0] + t[0]) / z + SIZE / 2.0,
+                     y = FOCAL * (p[1] + t[1]) / z + SIZE / 2.0;
+        seen += x >= 0 && x < SIZE && y >= 0 && y < SIZE && p[0] >= low && p[0] < high;
+    }
+    return seen;
+}
+
+// Where every third point decides, views on the left see none of the right; where there is no third
+// point, all of them decide.
+static void of_many_points_every_kth_one_is_a_line_of_sight(void **state)
+{
+    (void)state;
+    sgs_scene many = many_points();
+    sgs_block_options options = sgs_block_options_default();
+    options.share = 0.02;
+    options.margin = 0.0;
+    sgs_blocks blocks;
+    if (sgs_blocks_plan(&many, &options, &blocks))
+        fail_msg("%s", sgs_last_error());
+    const float plane = blocks.blocks[0].box.high[0];
+    size_t by_thirds = 0, by_all = 0;
+    assert_true(plane > 5.1f && plane < 8.0f);
+    for (size_t v = 0; v < VIEWS; ++v) {
+        const bool on_left = -many.views[v].pose.translation[0] < (double)plane;
+        const size_t thirds = points_in_image(&many, v, 3, -INFINITY, INFINITY),
+                     left = points_in_image(&many, v, 1, -INFINITY, plane),
+                     right = points_in_image(&many, v, 1, plane, INFINITY);
+        if (on_left && thirds && right > (left + right) / 20) {
+            assert_true(is_member(&blocks.blocks[0], v) && !is_member(&blocks.blocks[1], v));
+            ++by_thirds;
+        }
+        if (!on_left && !thirds && left > (left + right) / 20) {
+            assert_true(is_member(&blocks.blocks[0], v) && is_member(&blocks.blocks[1], v));
+            ++by_all;
+        }
+    }
+    assert_true(by_thirds > 0 && by_all > 0);
+    assert_int_equal(blocks.blocks[0].points + blocks.blocks[1].points, many.point_count);
+    sgs_blocks_free(&blocks);
+    free(many.points);
+    free(many.views);
+}
+
+static size_t views_planned;
+static bool count_views(void *user, size_t done, size_t total)
+{
+    assert_true(done == ++views_planned && total == VIEWS);
+    return done < *(const size_t *)user;
+}
+
+static void planning_reports_every_view_and_can_be_cancelled(void **state)
+{
+    (void)state;
+    sgs_blocks blocks;
+    sgs_block_options options = sgs_block_options_default();
+    size_t limit = SIZE_MAX;
+    options.progress = count_views;
+    options.progress_user = &limit;
+    views_planned = 0;
+    assert_int_equal(sgs_blocks_plan(scene, &options, &blocks), SGS_STATUS_OK);
+    assert_int_equal(views_planned, VIEWS);
+    sgs_blocks_free(&blocks);
+    limit = 5;
+    views_planned = 0;
+    assert_int_equal(sgs_blocks_plan(scene, &options, &blocks), SGS_STATUS_CANCELLED);
+    assert_int_equal(views_planned, 5);
+    assert_null(blocks.blocks);
+}
+
 static void impossible_plans_are_refused(void **state)
 {
     (void)state;
@@ -287,6 +393,8 @@ int main(void)
         cmocka_unit_test(every_point_has_exactly_one_owner),
         cmocka_unit_test(work_is_balanced),
         cmocka_unit_test(a_quarter_of_the_lines_of_sight_pass_the_grown_cell),
+        cmocka_unit_test(of_many_points_every_kth_one_is_a_line_of_sight),
+        cmocka_unit_test(planning_reports_every_view_and_can_be_cancelled),
         cmocka_unit_test(impossible_plans_are_refused),
         cmocka_unit_test(views_that_are_not_kept_count_for_the_scene),
     };

@@ -69,6 +69,25 @@ static const option split_options[] = {
              "cross the enlarged cell of a block"},
 };
 
+static bool show_planning(void *user, size_t done, size_t total)
+{
+    (void)user;
+    progress_work("views", done, total);
+    return true;
+}
+
+static bool plan_blocks(const sgs_scene *scene, const split_values *values, sgs_blocks *blocks)
+{
+    sgs_block_options options = values->plan;
+    options.progress = show_planning;
+    progress_work_start();
+    const sgs_status status = sgs_blocks_plan(scene, &options, blocks);
+    progress_end();
+    if (status)
+        fail_library();
+    return !status;
+}
+
 static void print_plan(const sgs_blocks *blocks)
 {
     printf("%5s %9s %7s   %s\n", "block", "points", "views", "box");
@@ -149,12 +168,9 @@ int command_split(int argc, char **argv)
     if (sgs_scene_load(call.line.operands[0], &options, &scene))
         return fail_library();
     sgs_blocks blocks = {0};
-    bool done = scene_names_are_text(scene, "a plan of blocks");
-    if (done && sgs_blocks_plan(scene, &values.plan, &blocks)) {
-        fail_library();
-        done = false;
-    }
-    done = done && write_plan(scene, &blocks, &values, call.common.json);
+    const bool done = scene_names_are_text(scene, "a plan of blocks") &&
+                      plan_blocks(scene, &values, &blocks) &&
+                      write_plan(scene, &blocks, &values, call.common.json);
     sgs_blocks_free(&blocks);
     sgs_scene_destroy(scene);
     return done ? EXIT_DONE : EXIT_FAILED;

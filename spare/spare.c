@@ -55,15 +55,19 @@
 // radius counts as 0 in the means and never passes the gradient test of (24).
 //
 // Sums are in double precision and in index order within a region: the result depends on the input
-// only. A call makes three passes over the primitives and three radix sorts of K numbers.
+// only, not on the loop that runs its passes. A call makes four passes over the primitives and
+// three radix sorts of K numbers. A pass is divided into slices of the primitives; that of the sums
+// into shares of the voxels, each of which reads all primitives.
 
 #include "spare/spare.h"
 
 #include <float.h>
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 enum { ALIGNMENT = 64, GRID_MAX = 256, RADIX = 256, BOX_LANES = 8 };
+enum { SLICE_LEAST = 1 << 14, SLICES_MOST = 256, SHARES_MOST = 16 };
 
 // Sums of one voxel.
 typedef struct cell {
@@ -95,6 +99,54 @@ typedef struct workspace {
 typedef struct box {
     double low[3], scale[3]; // voxel = (x - low) * scale
 } box;
+
+// Smallest and largest coordinates of the finite centres.
+typedef struct extremes {
+    float low[3], high[3];
+} extremes;
+
+// A pass over the primitives.
+typedef struct pass {
+    const spare_options *options;
+    const spare_input *input;
+    workspace *w;
+    size_t slices, shares; // shares: a power of two
+    size_t grid;
+    box box;
+    extremes found[SLICES_MOST]; // [slices]
+    float *weights;
+    uint8_t *redundant;
+    atomic_size_t redundant_count;
+} pass;
+
+static void begin_pass(pass *p, const spare_options *options, const spare_input *input,
+                       workspace *w)
+{
+    const size_t slices = input->count / SLICE_LEAST;
+    p->options = options;
+    p->input = input;
+    p->w = w;
+    p->slices = !input->loop || slices < 1 ? 1 : slices < SLICES_MOST ? slices : SLICES_MOST;
+    for (p->shares = 1;
+         p->slices > 1 && 2 * p->shares <= (size_t)input->threads && p->shares < SHARES_MOST;)
+        p->shares *= 2;
+}
+
+static void run_pass(pass *p, size_t count, spare_slice_fn body)
+{
+    if (p->input->loop)
+        p->input->loop(count, body, p);
+    else
+        for (size_t slice = 0; slice < count; ++slice)
+            body(p, slice);
+}
+
+// First primitive of a slice; slice `slices`: their number.
+static size_t slice_begin(const pass *p, size_t slice)
+{
+    const size_t size = (p->input->count + p->slices - 1) / p->slices, begin = slice * size;
+    return begin < p->input->count ? begin : p->input->count;
+}
 
 spare_options spare_options_default(void)
 {
@@ -160,9 +212,11 @@ static void set_axis(box *b, int axis, double low, double high, size_t grid)
     b->scale[axis] = (double)grid / (extent + 2.0 * pad);
 }
 
-// Bounding box of the finite centres.
-static box bounding_box(const spare_input *input, size_t grid)
+static void find_extremes(void *context, size_t slice)
 {
+    pass *job = context;
+    const spare_input *input = job->input;
+    const size_t first = slice_begin(job, slice), last = slice_begin(job, slice + 1);
     float low[3][BOX_LANES], high[3][BOX_LANES];
     for (int lane = 0; lane < BOX_LANES; ++lane)
         for (int axis = 0; axis < 3; ++axis) {
@@ -171,8 +225,8 @@ static box bounding_box(const spare_input *input, size_t grid)
         }
     // Eight independent minima let the compiler use vector instructions. `taint` is 0, or NaN for a
     // non-finite coordinate: then every comparison is false and the primitive is left out.
-    for (size_t begin = 0; begin < input->count; begin += BOX_LANES) {
-        const size_t lanes = input->count - begin < BOX_LANES ? input->count - begin : BOX_LANES;
+    for (size_t begin = first; begin < last; begin += BOX_LANES) {
+        const size_t lanes = last - begin < BOX_LANES ? last - begin : BOX_LANES;
         for (size_t lane = 0; lane < lanes; ++lane) {
             const float x = input->x[begin + lane], y = input->y[begin + lane],
                         z = input->z[begin + lane];
@@ -184,15 +238,32 @@ static box bounding_box(const spare_input *input, size_t grid)
             }
         }
     }
-    box b;
+    extremes *found = &job->found[slice];
     for (int axis = 0; axis < 3; ++axis) {
         float least = low[axis][0], most = high[axis][0];
         for (int lane = 1; lane < BOX_LANES; ++lane) {
             least = low[axis][lane] < least ? low[axis][lane] : least;
             most = high[axis][lane] > most ? high[axis][lane] : most;
         }
+        found->low[axis] = least;
+        found->high[axis] = most;
+    }
+}
+
+// Bounding box of the finite centres.
+static box bounding_box(pass *p)
+{
+    const extremes *found = p->found;
+    run_pass(p, p->slices, find_extremes);
+    box b;
+    for (int axis = 0; axis < 3; ++axis) {
+        float least = found[0].low[axis], most = found[0].high[axis];
+        for (size_t slice = 1; slice < p->slices; ++slice) {
+            least = found[slice].low[axis] < least ? found[slice].low[axis] : least;
+            most = found[slice].high[axis] > most ? found[slice].high[axis] : most;
+        }
         const bool any = most >= least;
-        set_axis(&b, axis, any ? (double)least : 0.0, any ? (double)most : 0.0, grid);
+        set_axis(&b, axis, any ? (double)least : 0.0, any ? (double)most : 0.0, p->grid);
     }
     return b;
 }
@@ -251,12 +322,17 @@ static inline uint32_t voxel_coordinate(double x, double low, double scale, doub
     return (uint32_t)(int32_t)(clamped > 0.0 ? clamped : 0.0);
 }
 
-// k_i for every primitive; `outside` for those without a finite centre.
-static void assign_voxels(const spare_input *input, const box *b, size_t grid, uint32_t outside,
-                          uint32_t *voxel_of)
+// k_i for every primitive; that of grid^3, one beyond the last, for those without a finite centre.
+static void assign_voxels(void *context, size_t slice)
 {
+    const pass *p = context;
+    const spare_input *input = p->input;
+    const box *b = &p->box;
+    const size_t grid = p->grid, end = slice_begin(p, slice + 1);
+    const uint32_t outside = (uint32_t)(grid * grid * grid);
+    uint32_t *voxel_of = p->w->region_of;
     const double last = (double)grid - 1.0;
-    for (size_t i = 0; i < input->count; ++i) {
+    for (size_t i = slice_begin(p, slice); i < end; ++i) {
         const float x = input->x[i], y = input->y[i], z = input->z[i];
         const float taint = (x - x) + (y - y) + (z - z);
         const uint32_t vx = voxel_coordinate((double)x, b->low[0], b->scale[0], last);
@@ -279,11 +355,18 @@ static inline double finite_or_zero(double value)
     return fabs(value) <= DBL_MAX ? value : 0.0;
 }
 
-// Sums of (16), (17) and (18) per voxel, in index order.
-static void accumulate(const spare_input *input, const uint32_t *voxel_of, cell *cells)
+// Sums of (16), (17) and (18) per voxel of a share, in index order. Voxels of a cache line are in
+// one share.
+static void accumulate(void *context, size_t share)
 {
+    enum { ROW_BITS = 5 };
+    const pass *p = context;
+    const spare_input *input = p->input;
+    const uint32_t *voxel_of = p->w->region_of;
     for (size_t i = 0; i < input->count; ++i) {
-        cell *c = &cells[voxel_of[i]];
+        if ((voxel_of[i] >> ROW_BITS & (p->shares - 1)) != share)
+            continue;
+        cell *c = &p->w->cells[voxel_of[i]];
         const double radius = (double)input->radius_max[i];
         c->gradient += finite_or_zero(mean_gradient(input, i));
         c->visibility += (double)input->visible_count[i];
@@ -456,23 +539,27 @@ static void allocate(const spare_options *options, workspace *w, size_t count, d
     }
 }
 
-// Writes the weights and the mask (24) and replaces the voxels of region_of by regions. Returns the
-// number of redundant primitives.
-static size_t judge(const spare_options *options, const spare_input *input, const workspace *w,
-                    float *weights, uint8_t *redundant)
+// Writes the weights and the mask (24), counts the redundant primitives, and replaces the voxels of
+// region_of by regions.
+static void judge(void *context, size_t slice)
 {
+    pass *p = context;
+    const spare_options *options = p->options;
+    const spare_input *input = p->input;
+    const workspace *w = p->w;
     const double tau_gradient = 0.5 * options->tau_gradient;
+    const size_t end = slice_begin(p, slice + 1);
     size_t found = 0;
-    for (size_t i = 0; i < input->count; ++i) {
+    for (size_t i = slice_begin(p, slice); i < end; ++i) {
         const decision *v = &w->decisions[w->region_of[i]];
         w->region_of[i] = v->region;
-        weights[i] = v->weight;
+        p->weights[i] = v->weight;
         const bool faint = v->over && (double)input->opacity[i] < options->tau_alpha;
         const bool seen = !options->rap_require_visible || input->visible_count[i];
-        redundant[i] = faint && seen && mean_gradient(input, i) < tau_gradient;
-        found += redundant[i];
+        p->redundant[i] = faint && seen && mean_gradient(input, i) < tau_gradient;
+        found += p->redundant[i];
     }
-    return found;
+    atomic_fetch_add_explicit(&p->redundant_count, found, memory_order_relaxed);
 }
 
 void spare_evaluate(const spare_options *options, const spare_input *input, void *memory,
@@ -484,18 +571,20 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
     if (!input->count)
         return;
 
+    pass p = {.grid = grid, .weights = weights, .redundant = redundant};
+    begin_pass(&p, options, input, &w);
     const double quantile = fmin(options->grid_quantile, 0.25);
     // The memory of region_of serves as the copy of a column.
-    const box b = quantile > 0.0 ? quantile_box(input, quantile, grid, (float *)(void *)w.region_of)
-                                 : bounding_box(input, grid);
+    p.box = quantile > 0.0 ? quantile_box(input, quantile, grid, (float *)(void *)w.region_of)
+                           : bounding_box(&p);
     for (int axis = 0; axis < 3; ++axis) {
-        result->low[axis] = b.low[axis];
-        result->cell[axis] = 1.0 / b.scale[axis];
+        result->low[axis] = p.box.low[axis];
+        result->cell[axis] = 1.0 / p.box.scale[axis];
     }
-    assign_voxels(input, &b, grid, (uint32_t)voxels, w.region_of);
+    run_pass(&p, p.slices, assign_voxels);
     // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): as above
     memset(w.cells, 0, (voxels + 1) * sizeof *w.cells);
-    accumulate(input, w.region_of, w.cells);
+    run_pass(&p, p.shares, accumulate);
     w.decisions[voxels] = (decision){.region = SPARE_NO_REGION, .weight = 1.0f};
     const double total = (double)(input->count - w.cells[voxels].count);
     const size_t count = collect_regions(w.cells, voxels, w.regions, w.decisions);
@@ -513,7 +602,8 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
         result->mean_weight = weight / total;
         result->over_budget_share = over / total;
     }
-    result->redundant_count = judge(options, input, &w, weights, redundant);
+    run_pass(&p, p.slices, judge);
+    result->redundant_count = p.redundant_count;
 }
 
 bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval)

@@ -5,7 +5,7 @@
 // SPARE-GS (arXiv 2607.16624) as pure functions on plain arrays: regional demand, capacity-aware
 // quotas, budget-modulated densification (BMD), redundancy-aware pruning (RAP) and
 // equilibrium-driven termination (EDT). No Embree, no files, no threads, no allocation: the caller
-// provides the workspace.
+// provides the workspace and may provide a parallel loop.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -57,6 +57,10 @@ typedef struct spare_region {
     double weight;     // w of its primitives
 } spare_region;
 
+// Runs body(context, slice) once for every slice in [0, count), in any order, also concurrently.
+typedef void (*spare_slice_fn)(void *context, size_t slice);
+typedef void (*spare_loop_fn)(size_t count, spare_slice_fn body, void *context);
+
 // Columns of n primitives with the structural statistics since the last update.
 typedef struct spare_input {
     size_t count;
@@ -65,6 +69,9 @@ typedef struct spare_input {
     const float *gradient_sum;     // a_i, accumulated norm of the view-space gradient
     const uint32_t *visible_count; // d_i, views
     const float *radius_max;       // rho_i, pixels
+    // Of the passes over the primitives, or NULL; the result is the same.
+    spare_loop_fn loop;
+    int threads; // that the loop has
 } spare_input;
 
 // Bytes of workspace that spare_evaluate requires for this grid and count. Cannot fail.

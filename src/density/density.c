@@ -18,13 +18,14 @@
 
 #include "model/opacity.h"
 #include "base/core.h"
-#include "base/morton.h"
 #include "model/filter_3d.h"
 #include "density/pipeline.h"
+#include "density/plan_rows.h"
 #include "density/row_limits.h"
-#include "density/row_plan.h"
 #include "base/threads.h"
 #include "spare/spare.h"
+
+enum { GRAIN = 1 << 14 };
 
 sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
 {
@@ -44,18 +45,38 @@ sgs_status sgsi_statistics_reserve(sgsi_statistics *statistics, size_t capacity)
                      "not enough memory for the statistics of %zu primitives", capacity);
 }
 
+static void clear_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const sgsi_statistics *statistics = context;
+    const size_t count = end - begin;
+    memset(statistics->gradient_sum + begin, 0, count * sizeof *statistics->gradient_sum);
+    memset(statistics->abs_grad_sum + begin, 0, count * sizeof *statistics->abs_grad_sum);
+    memset(statistics->visible_count + begin, 0, count * sizeof *statistics->visible_count);
+    memset(statistics->radius_max + begin, 0, count * sizeof *statistics->radius_max);
+}
+
 void sgsi_statistics_clear(sgsi_statistics *statistics, size_t count)
 {
-    memset(statistics->gradient_sum, 0, count * sizeof *statistics->gradient_sum);
-    memset(statistics->abs_grad_sum, 0, count * sizeof *statistics->abs_grad_sum);
-    memset(statistics->visible_count, 0, count * sizeof *statistics->visible_count);
-    memset(statistics->radius_max, 0, count * sizeof *statistics->radius_max);
+    sgsi_parallel_ranges(count, GRAIN, clear_range, statistics);
+}
+
+typedef struct radius_job {
+    float *radius_max, factor;
+} radius_job;
+
+static void scale_radii(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const radius_job *job = context;
+    for (size_t i = begin; i < end; ++i)
+        job->radius_max[i] *= job->factor;
 }
 
 void sgsi_statistics_resize_images(sgsi_statistics *statistics, size_t count, float factor)
 {
-    for (size_t i = 0; i < count; ++i)
-        statistics->radius_max[i] *= factor;
+    radius_job job = {statistics->radius_max, factor};
+    sgsi_parallel_ranges(count, GRAIN, scale_radii, &job);
 }
 
 void sgsi_statistics_free(sgsi_statistics *statistics)
@@ -97,16 +118,24 @@ static void free_columns(sgsi_density_columns *columns)
     free_moves(&columns->moves);
 }
 
+static void number_rows(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    uint32_t *rows = context;
+    for (size_t i = begin; i < end; ++i)
+        rows[i] = (uint32_t)i;
+}
+
 // Moves of rows that all stay.
 static bool make_moves(sgsi_row_moves *moves, size_t count)
 {
     *moves = (sgsi_row_moves){.root = sgsi_alloc(count, sizeof *moves->root),
-                              .copies = sgsi_calloc(count, sizeof *moves->copies),
-                              .opacity = sgsi_calloc(count, sizeof *moves->opacity),
-                              .log_scale = sgsi_calloc(count, sizeof *moves->log_scale),
-                              .forget = sgsi_calloc(count, 1)};
-    for (size_t i = 0; i < count && moves->root; ++i)
-        moves->root[i] = (uint32_t)i;
+                              .copies = sgsi_calloc_shared(count, sizeof *moves->copies),
+                              .opacity = sgsi_calloc_shared(count, sizeof *moves->opacity),
+                              .log_scale = sgsi_calloc_shared(count, sizeof *moves->log_scale),
+                              .forget = sgsi_calloc_shared(count, 1)};
+    if (moves->root)
+        sgsi_parallel_ranges(count, GRAIN, number_rows, moves->root);
     return moves->root && moves->copies && moves->opacity && moves->log_scale && moves->forget;
 }
 
@@ -124,7 +153,7 @@ static sgs_status make_columns(size_t count, const sgsi_density_options *options
     uint8_t **const marks[] = {&columns->redundant, &columns->degenerate, &columns->action,
                                &columns->removed, &columns->prune_children};
     for (size_t i = 0; i < sizeof marks / sizeof *marks; ++i)
-        complete = (*marks[i] = sgsi_calloc(n, 1)) && complete;
+        complete = (*marks[i] = sgsi_calloc_shared(n, 1)) && complete;
     if (relocates)
         complete = make_moves(&columns->moves, n) && complete;
     if (options->spare)
@@ -149,6 +178,14 @@ static bool is_degenerate(const sgs_gaussians *model, size_t i)
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
         zeros += *sgs_gaussians_at(model, i, k) * 0.0f;
     return !(zeros == 0.0f);
+}
+
+static void fill_ones(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    float *values = context;
+    for (size_t i = begin; i < end; ++i)
+        values[i] = 1.0f;
 }
 
 static void fill_columns(void *context, size_t begin, size_t end, int thread)
@@ -218,10 +255,28 @@ static sgs_status gather_columns(const sgsi_density_rows *rows, sgsi_density_col
     for (size_t k = 0; k < sizeof all / sizeof *all && (!status || !k); ++k)
         status = peers->gather(peers->context, status, all[k].own, all[k].size, columns->count,
                                all[k].whole);
-    for (size_t i = 0; i < columns->count && !status; ++i)
-        columns->weight[i] = 1.0f;
+    if (!status)
+        sgsi_parallel_ranges(columns->count, GRAIN, fill_ones, columns->weight);
     free_columns(&part);
     return status;
+}
+
+typedef struct slice_loop {
+    spare_slice_fn body;
+    void *context;
+} slice_loop;
+
+static void run_slice(void *context, size_t slice, int thread)
+{
+    (void)thread;
+    const slice_loop *loop = context;
+    loop->body(loop->context, slice);
+}
+
+static void run_slices(size_t count, spare_slice_fn body, void *context)
+{
+    slice_loop loop = {body, context};
+    sgsi_parallel_for(count, 1, run_slice, &loop);
 }
 
 static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics *statistics,
@@ -239,19 +294,59 @@ static void evaluate_spare(sgsi_density_columns *columns, const sgsi_statistics 
                                .opacity = columns->opacity,
                                .gradient_sum = statistics->gradient_sum,
                                .visible_count = statistics->visible_count,
-                               .radius_max = statistics->radius_max};
+                               .radius_max = statistics->radius_max,
+                               .loop = run_slices,
+                               .threads = sgsi_threads()};
     spare_result found;
     spare_evaluate(options->spare, &input, columns->workspace, columns->weight, columns->redundant,
                    &found);
     result->regions = found.region_count;
     result->over_budget_share = found.over_budget_share;
     result->mean_weight = options->spare_densify ? found.mean_weight : 1.0;
-    for (size_t i = 0; i < columns->count && !options->spare_densify; ++i)
-        columns->weight[i] = 1.0f;
+    if (!options->spare_densify)
+        sgsi_parallel_ranges(columns->count, GRAIN, fill_ones, columns->weight);
     if (!options->spare_prune)
         memset(columns->redundant, 0, columns->count);
     *regions = found;
     result->spare_seconds = sgsi_seconds() - start;
+}
+
+typedef struct region_job {
+    const sgsi_density_columns *columns;
+    const uint32_t *region_of;
+    sgs_region *list;
+} region_job;
+
+// Neighbours are mostly of the same region: it receives their sums at once.
+static void add_to_region(sgs_region *region, const sgs_region *sums)
+{
+    __atomic_fetch_add(&region->densified, sums->densified, __ATOMIC_RELAXED);
+    __atomic_fetch_add(&region->removed, sums->removed, __ATOMIC_RELAXED);
+    __atomic_fetch_add(&region->redundant, sums->redundant, __ATOMIC_RELAXED);
+}
+
+static void count_decisions(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const region_job *job = context;
+    const sgsi_density_columns *columns = job->columns;
+    sgs_region sums = {0};
+    for (size_t i = begin; i < end; ++i) {
+        const uint32_t region = job->region_of[i];
+        if (region == SPARE_NO_REGION)
+            continue;
+        const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
+        const bool moved = columns->moves.root && columns->moves.root[i] != i;
+        if (region != sums.voxel) { // here the index of a region
+            add_to_region(&job->list[sums.voxel], &sums);
+            sums = (sgs_region){.voxel = region};
+        }
+        sums.densified += columns->moves.copies ? columns->moves.copies[i]
+                                                : columns->action[i] != SGSI_ACTION_KEEP;
+        sums.removed += moved || (columns->removed[i] && !split);
+        sums.redundant += columns->redundant[i] && !columns->removed[i] && !split;
+    }
+    add_to_region(&job->list[sums.voxel], &sums);
 }
 
 // Lists the regions with the decisions on their primitives.
@@ -274,122 +369,11 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
                                .slack = (float)from->slack,
                                .weight = options->spare_densify ? (float)from->weight : 1.0f};
     }
-    for (size_t i = 0; i < columns->count; ++i) {
-        if (found->region_of[i] == SPARE_NO_REGION)
-            continue;
-        sgs_region *region = &list[found->region_of[i]];
-        const bool split = columns->action[i] == SGSI_ACTION_SPLIT;
-        const bool moved = columns->moves.root && columns->moves.root[i] != i;
-        region->densified += columns->moves.copies ? columns->moves.copies[i]
-                                                   : columns->action[i] != SGSI_ACTION_KEEP;
-        region->removed += moved || (columns->removed[i] && !split);
-        region->redundant += columns->redundant[i] && !columns->removed[i] && !split;
-    }
+    region_job job = {columns, found->region_of, list};
+    sgsi_parallel_ranges(columns->count, GRAIN, count_decisions, &job);
     result->region_list = list;
     memcpy(result->region_low, found->low, sizeof found->low);
     memcpy(result->region_cell, found->cell, sizeof found->cell);
-    return SGS_STATUS_OK;
-}
-
-static void bounding_box(const sgsi_density_columns *columns, float low[3], float inv_size[3])
-{
-    const float *const axes[3] = {columns->x, columns->y, columns->z};
-    for (int k = 0; k < 3; ++k) {
-        float least = INFINITY, most = -INFINITY;
-        for (size_t i = 0; i < columns->count; ++i) {
-            least = fminf(least, axes[k][i]);
-            most = fmaxf(most, axes[k][i]);
-        }
-        low[k] = least;
-        inv_size[k] = most > least ? 1.0f / (most - least) : 0.0f;
-    }
-}
-
-// Least significant digit first; stable, so rows of equal keys keep their order.
-static sgsi_plan_entry *sort_plan(sgsi_plan_entry *entries, sgsi_plan_entry *spare, size_t count)
-{
-    enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS };
-    for (int shift = 0; shift < 63; shift += DIGIT_BITS) {
-        uint32_t begin[DIGITS] = {0};
-        for (size_t i = 0; i < count; ++i)
-            ++begin[entries[i].key >> shift & (DIGITS - 1)];
-        uint32_t total = 0;
-        for (int k = 0; k < DIGITS; ++k) {
-            const uint32_t size = begin[k];
-            begin[k] = total;
-            total += size;
-        }
-        for (size_t i = 0; i < count; ++i)
-            spare[begin[entries[i].key >> shift & (DIGITS - 1)]++] = entries[i];
-        sgsi_plan_entry *const swap = entries;
-        entries = spare;
-        spare = swap;
-    }
-    return entries;
-}
-
-// Rows that an update adds at most.
-static size_t most_new_rows(const sgsi_density_columns *columns)
-{
-    size_t copies = 0;
-    for (size_t i = 0; i < columns->count && columns->moves.copies; ++i)
-        copies += columns->moves.copies[i];
-    return columns->moves.copies ? copies : columns->count;
-}
-
-// Lists the rows of the new model, the fixed ones last. Children and clones are never redundant,
-// but the pipeline's own rule may remove them.
-static sgs_status make_plan(const sgsi_density_columns *columns, size_t fixed,
-                            sgsi_density_result *result, sgsi_density_plan *plan)
-{
-    const size_t room = columns->count + most_new_rows(columns) + fixed + 1;
-    *plan = (sgsi_density_plan){0};
-    for (int k = 0; k < 2; ++k)
-        plan->buffers[k] = sgsi_alloc(room, sizeof(sgsi_plan_entry));
-    if (!plan->buffers[0] || !plan->buffers[1])
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                         "not enough memory for the plan of a structural update");
-    float low[3], inv_size[3];
-    bounding_box(columns, low, inv_size);
-    sgsi_plan_entry *entries = plan->buffers[0];
-    for (size_t i = 0; i < columns->count; ++i) {
-        if (columns->degenerate[i]) {
-            ++result->pruned;
-            continue;
-        }
-        const size_t root = columns->moves.root ? columns->moves.root[i] : i;
-        const float mean[3] = {columns->x[root], columns->y[root], columns->z[root]};
-        const uint64_t key = sgsi_morton_code(mean, low, inv_size);
-        const bool prune_children = columns->prune_children[i];
-        if (columns->action[i] == SGSI_ACTION_SPLIT) {
-            ++result->split;
-            result->pruned += prune_children ? 2 : 0;
-            for (uint32_t kind = SGSI_PLAN_CHILD_0; kind <= SGSI_PLAN_CHILD_1 && !prune_children;
-                 ++kind)
-                entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, kind};
-            continue;
-        }
-        if (columns->action[i] == SGSI_ACTION_CLONE) {
-            ++result->cloned;
-            result->pruned += prune_children;
-            if (!prune_children)
-                entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, SGSI_PLAN_CLONE};
-        }
-        const bool removed = sgsi_density_is_removed(columns, i);
-        result->pruned += removed;
-        result->spare_pruned += removed && !columns->removed[i];
-        if (!removed)
-            entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, SGSI_PLAN_KEEP};
-        const uint32_t copies = columns->moves.copies ? columns->moves.copies[i] : 0;
-        for (uint32_t k = 0; k < copies; ++k)
-            entries[plan->count++] = (sgsi_plan_entry){key, (uint32_t)i, SGSI_PLAN_CLONE};
-        result->cloned += copies;
-        result->relocated += root != i;
-    }
-    plan->entries = sort_plan(plan->buffers[0], plan->buffers[1], plan->count);
-    for (size_t i = 0; i < fixed; ++i)
-        plan->entries[plan->count++] =
-            (sgsi_plan_entry){.row = (uint32_t)(columns->count + i), .kind = SGSI_PLAN_FIXED};
     return SGS_STATUS_OK;
 }
 
@@ -408,7 +392,7 @@ static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipe
         status = sgsi_limit_growth(options, columns, statistics);
     if (!status && regions.region_count)
         status = report_regions(columns, &regions, options, result);
-    return status ? status : make_plan(columns, rows->fixed, result, plan);
+    return status ? status : sgsi_plan_make(columns, rows->fixed, result, plan);
 }
 
 // A hash of which rows the update keeps, adds and moves.
@@ -481,7 +465,7 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     sgsi_density_plan plan = {0};
     column_job job = {model, NULL, &columns};
     sgsi_parallel_ranges(model->count, 4096, fill_columns, &job);
-    status = make_plan(&columns, 0, &result, &plan);
+    status = sgsi_plan_make(&columns, 0, &result, &plan);
     free_columns(&columns);
     sgsi_plan_trim(&plan);
     if (!status) // without rows that are not finite
@@ -490,25 +474,40 @@ sgs_status sgsi_density_sort(sgs_gaussians *model)
     return status;
 }
 
-void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling,
-                                const float *filter_3d)
+typedef struct reset_job {
+    sgs_gaussians *model;
+    float *m, *v;
+    double ceiling;
+    const float *filter_3d;
+    float limit; // logit of the ceiling
+} reset_job;
+
+static void reset_blocks(void *context, size_t begin, size_t end, int thread)
 {
-    const float limit = (float)log(ceiling / (1.0 - ceiling));
-    for (size_t block = 0; block < (model->count + SGS_LANES - 1) / SGS_LANES; ++block) {
+    (void)thread;
+    const reset_job *job = context;
+    sgs_gaussians *model = job->model;
+    for (size_t block = begin; block < end; ++block) {
         const size_t at = (block * SGS_PARAM_COUNT + SGS_PARAM_OPACITY) * SGS_LANES;
         for (size_t k = 0; k < SGS_LANES; ++k) {
             const size_t i = block * SGS_LANES + k;
-            float own = limit;
+            float own = job->limit;
             if (i >= model->count)
                 break;
-            if (filter_3d) { // o c <= ceiling, c the factor of the filter
-                const double most =
-                    fmin(ceiling / fmax(sgsi_filter_3d_factor(model, i, filter_3d[i]), 1e-30),
-                         1.0 - 1e-7);
+            if (job->filter_3d) { // o c <= ceiling, c the factor of the filter
+                const double factor = sgsi_filter_3d_factor(model, i, job->filter_3d[i]),
+                             most = fmin(job->ceiling / fmax(factor, 1e-30), 1.0 - 1e-7);
                 own = (float)log(most / (1.0 - most));
             }
             model->data[at + k] = model->data[at + k] > own ? own : model->data[at + k];
-            m[at + k] = v[at + k] = 0.0f;
+            job->m[at + k] = job->v[at + k] = 0.0f;
         }
     }
+}
+
+void sgsi_density_reset_opacity(sgs_gaussians *model, float *m, float *v, double ceiling,
+                                const float *filter_3d)
+{
+    reset_job job = {model, m, v, ceiling, filter_3d, (float)log(ceiling / (1.0 - ceiling))};
+    sgsi_parallel_ranges((model->count + SGS_LANES - 1) / SGS_LANES, 256, reset_blocks, &job);
 }

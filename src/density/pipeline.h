@@ -148,6 +148,20 @@ sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_densi
 void sgsi_density_decide_thinning(const sgsi_density_options *options,
                                   sgsi_density_columns *columns);
 
+// Decides every row on its own: row(decision, i, result) writes the decisions of row i and adds its
+// counts to *result. Parallel.
+typedef struct sgsi_density_decision {
+    const sgsi_density_options *options;
+    sgsi_density_columns *columns;
+    float quantile; // of Mip-Splatting
+    void (*row)(const struct sgsi_density_decision *decision, size_t i,
+                sgsi_density_result *result);
+} sgsi_density_decision;
+void sgsi_density_decide_rows(const sgsi_density_decision *decision, sgsi_density_result *result);
+
+// The value of rank k < count in ascending order; values that are not positive count as 0.
+float sgsi_positive_rank(const float *values, size_t count, size_t k);
+
 // Median of the positive values (the lower of two middle ones), 0 without any. Value i is values[i
 // * stride]; it is used if present[i / 16] (NULL: always).
 float sgsi_positive_median(const float *values, size_t stride, const uint8_t *present,

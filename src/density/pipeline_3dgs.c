@@ -13,23 +13,27 @@
 
 #include <math.h>
 
+static void decide_row(const sgsi_density_decision *decision, size_t i, sgsi_density_result *result)
+{
+    const sgsi_density_options *options = decision->options;
+    sgsi_density_columns *c = decision->columns;
+    const float threshold = (float)options->gradient_threshold,
+                score = fmaxf(c->score[i], (float)options->abs_share * c->abs_grad[i]);
+    c->priority[i] = score * c->weight[i];
+    const bool grows = c->priority[i] >= threshold;
+    c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
+    c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
+    c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
+    sgsi_density_count_reversal(score >= threshold, grows, result);
+}
+
 static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
                          sgsi_density_result *result)
 {
-    if (options->final_prune) {
+    if (options->final_prune)
         sgsi_density_decide_thinning(options, c);
-        return SGS_STATUS_OK;
-    }
-    const float threshold = (float)options->gradient_threshold;
-    for (size_t i = 0; i < c->count; ++i) {
-        const float score = fmaxf(c->score[i], (float)options->abs_share * c->abs_grad[i]);
-        c->priority[i] = score * c->weight[i];
-        const bool grows = c->priority[i] >= threshold;
-        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
-        c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
-        c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
-        sgsi_density_count_reversal(score >= threshold, grows, result);
-    }
+    else
+        sgsi_density_decide_rows(&(sgsi_density_decision){options, c, 0.0f, decide_row}, result);
     return SGS_STATUS_OK;
 }
 

@@ -11,33 +11,36 @@
 #include "density/pipeline.h"
 
 #include <math.h>
-#include <stdlib.h>
 
-#include "base/compare.h"
-#include "base/core.h"
-
-// The (1 - share) quantile with linear interpolation between neighbours.
-static sgs_status upper_quantile(const float *values, size_t count, double share, float *quantile)
+// The (1 - share) quantile of `count` > 0 values with linear interpolation between neighbours.
+static float upper_quantile(const float *values, size_t count, double share)
 {
-    float *sorted = sgsi_alloc(count ? count : 1, sizeof *sorted);
-    if (!sorted)
-        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to rank %zu primitives",
-                         count);
-    for (size_t i = 0; i < count; ++i)
-        sorted[i] = values[i] > 0.0f ? values[i] : 0.0f; // NaN: 0
-    qsort(sorted, count, sizeof *sorted, sgsi_compare_floats);
-    const double at = (1.0 - share) * (double)(count ? count - 1 : 0);
+    const double at = (1.0 - share) * (double)(count - 1);
     const size_t below = (size_t)at, above = below + 1 < count ? below + 1 : below;
-    *quantile = (float)((double)sorted[below] +
-                        (at - (double)below) * ((double)sorted[above] - (double)sorted[below]));
-    sgsi_free(sorted);
-    return SGS_STATUS_OK;
+    const double low = (double)sgsi_positive_rank(values, count, below),
+                 high = (double)sgsi_positive_rank(values, count, above);
+    return (float)(low + (at - (double)below) * (high - low));
 }
 
 // Without any gradient the quantile is 0, which no primitive reaches.
 static bool reaches(float gradient, float quantile)
 {
     return quantile > 0.0f && gradient >= quantile;
+}
+
+static void decide_row(const sgsi_density_decision *decision, size_t i, sgsi_density_result *result)
+{
+    const sgsi_density_options *options = decision->options;
+    sgsi_density_columns *c = decision->columns;
+    const float threshold = (float)options->gradient_threshold, quantile = decision->quantile;
+    const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
+    const bool native = c->score[i] >= threshold || reaches(c->abs_grad[i], quantile);
+    const bool grows = c->score[i] * w >= threshold || reaches(c->abs_grad[i] * w, quantile);
+    c->priority[i] = fmaxf(c->score[i], c->abs_grad[i] * share) * w;
+    c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
+    c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
+    c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
+    sgsi_density_count_reversal(native, grows, result);
 }
 
 static sgs_status decide(const sgsi_density_options *options, sgsi_density_columns *c,
@@ -53,21 +56,8 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
         pulled += c->score[i] >= threshold;
     if (!c->count)
         return SGS_STATUS_OK;
-    float quantile = 0.0f;
-    const sgs_status status =
-        upper_quantile(c->abs_grad, c->count, (double)pulled / (double)c->count, &quantile);
-    if (status)
-        return status;
-    for (size_t i = 0; i < c->count; ++i) {
-        const float w = c->weight[i], share = quantile > 0.0f ? threshold / quantile : 0.0f;
-        const bool native = c->score[i] >= threshold || reaches(c->abs_grad[i], quantile);
-        const bool grows = c->score[i] * w >= threshold || reaches(c->abs_grad[i] * w, quantile);
-        c->priority[i] = fmaxf(c->score[i], c->abs_grad[i] * share) * w;
-        c->action[i] = sgsi_density_growth(grows, c->scale_max[i], (float)options->size_split);
-        c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
-        c->prune_children[i] = sgsi_density_should_prune_after(options, c, i);
-        sgsi_density_count_reversal(native, grows, result);
-    }
+    const float quantile = upper_quantile(c->abs_grad, c->count, (double)pulled / (double)c->count);
+    sgsi_density_decide_rows(&(sgsi_density_decision){options, c, quantile, decide_row}, result);
     return SGS_STATUS_OK;
 }
 

@@ -7,10 +7,14 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "base/core.h"
+#include "base/threads.h"
 #include "density/pipeline.h"
+
+enum { GRAIN = 1 << 14, RANK_GRAIN = 1 << 17 };
 
 typedef struct ranked_row {
     double score;
@@ -108,11 +112,94 @@ sgs_status sgsi_prune_stochastic(const sgsi_density_options *options, sgsi_densi
                   : status;
 }
 
+// ---- Decisions on single rows ----
+
+typedef struct decide_job {
+    const sgsi_density_decision *decision;
+    atomic_size_t suppressed, boosted;
+} decide_job;
+
+static void decide_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    decide_job *job = context;
+    sgsi_density_result counts = {0};
+    for (size_t i = begin; i < end; ++i)
+        job->decision->row(job->decision, i, &counts);
+    atomic_fetch_add(&job->suppressed, counts.bmd_suppressed);
+    atomic_fetch_add(&job->boosted, counts.bmd_boosted);
+}
+
+void sgsi_density_decide_rows(const sgsi_density_decision *decision, sgsi_density_result *result)
+{
+    decide_job job = {.decision = decision};
+    sgsi_parallel_ranges(decision->columns->count, GRAIN, decide_range, &job);
+    result->bmd_suppressed += job.suppressed;
+    result->bmd_boosted += job.boosted;
+}
+
+static void thin_row(const sgsi_density_decision *decision, size_t i, sgsi_density_result *result)
+{
+    (void)result;
+    sgsi_density_columns *c = decision->columns;
+    c->action[i] = SGSI_ACTION_KEEP;
+    c->removed[i] = sgsi_density_should_prune(decision->options, c->opacity[i], c->scale_max[i]);
+    c->prune_children[i] = c->removed[i];
+}
+
 void sgsi_density_decide_thinning(const sgsi_density_options *options, sgsi_density_columns *c)
 {
-    for (size_t i = 0; i < c->count; ++i) {
-        c->action[i] = SGSI_ACTION_KEEP;
-        c->removed[i] = sgsi_density_should_prune(options, c->opacity[i], c->scale_max[i]);
-        c->prune_children[i] = c->removed[i];
+    sgsi_density_result none = {0};
+    sgsi_density_decide_rows(&(sgsi_density_decision){options, c, 0.0f, thin_row}, &none);
+}
+
+// ---- Ranks ----
+
+enum { BINS = 1 << 11 };
+
+// Counts the digit at `shift` of the values whose higher bits are `high`.
+typedef struct rank_job {
+    const float *values;
+    uint32_t high, mask;
+    int shift, high_shift;
+    atomic_uint bins[BINS];
+} rank_job;
+
+static void count_values(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    rank_job *job = context;
+    uint32_t bins[BINS] = {0};
+    for (size_t i = begin; i < end; ++i) {
+        uint32_t bits = 0;
+        if (job->values[i] > 0.0f)
+            memcpy(&bits, &job->values[i], sizeof bits);
+        if ((uint64_t)bits >> job->high_shift == job->high)
+            ++bins[bits >> job->shift & job->mask];
     }
+    for (size_t k = 0; k < BINS; ++k)
+        if (bins[k])
+            atomic_fetch_add_explicit(&job->bins[k], bins[k], memory_order_relaxed);
+}
+
+float sgsi_positive_rank(const float *values, size_t count, size_t k)
+{
+    // Positive floats are ordered like their bits: passes over 11, 11 and 10 bits.
+    static const int shifts[] = {21, 10, 0}, widths[] = {11, 11, 10};
+    rank_job job = {.values = values, .high_shift = 32};
+    for (int pass = 0; pass < 3; ++pass) {
+        job.shift = shifts[pass];
+        job.mask = (1u << widths[pass]) - 1;
+        for (size_t bin = 0; bin < BINS; ++bin)
+            atomic_init(&job.bins[bin], 0);
+        sgsi_parallel_ranges(count, RANK_GRAIN, count_values, &job);
+        uint32_t bin = 0;
+        while (k >= job.bins[bin])
+            k -= job.bins[bin++];
+        job.high = job.high << widths[pass] | bin;
+        job.high_shift = job.shift;
+    }
+    float value;
+    memcpy(&value, &job.high, sizeof value);
+    return value;
 }

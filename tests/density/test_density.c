@@ -14,6 +14,8 @@
 #include <cmocka.h>
 
 #include "base/core.h"
+#include "base/morton.h"
+#include "base/threads.h"
 #include "density/density.h"
 #include "density/pipeline.h"
 #include "spare/spare.h"
@@ -540,6 +542,115 @@ static void rows_that_are_not_finite_are_in_no_region(void **state)
     sgsi_free(without);
 }
 
+// ---- Large updates, whose passes are divided ----
+
+enum { LARGE = 100000 };
+
+static int by_key_and_row(const void *a, const void *b)
+{
+    const uint64_t *x = a, *y = b;
+    return x[0] != y[0] ? (x[0] > y[0]) - (x[0] < y[0]) : (x[1] > y[1]) - (x[1] < y[1]);
+}
+
+// Means on a coarse lattice, so that many keys are equal; every 7th row is cloned, every 11th is
+// faint, one is not finite.
+static void new_rows_are_in_morton_order_and_then_in_the_order_of_the_old_ones(void **state)
+{
+    (void)state;
+    for (int threads = 1; threads < 8; threads += 3) {
+        fixture f = make(LARGE);
+        uint64_t(*expected)[2] = malloc(2 * LARGE * sizeof *expected);
+        size_t count = 0;
+        for (size_t i = 0; i < LARGE; ++i) {
+            float mean[3];
+            for (int k = 0; k < 3; ++k) {
+                float *x = sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + k);
+                *x = mean[k] = i < 2 ? (float)i : floorf(24 * *x) / 24;
+            }
+            f.statistics.gradient_sum[i] = i % 7 ? 0.0f : 1e-3f;
+            if (i % 11 == 3)
+                *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -9;
+            if (i == 5000)
+                *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = NAN;
+            const uint64_t key = sgsi_morton_code(mean, (float[3]){0, 0, 0}, (float[3]){1, 1, 1});
+            for (int k = 0; k < 1 + (i % 7 == 0) && i != 5000 && i % 11 != 3; ++k) {
+                expected[count][0] = key;
+                expected[count++][1] = i;
+            }
+        }
+        qsort(expected, count, sizeof *expected, by_key_and_row);
+        sgsi_threads_set(threads);
+        update(&f);
+        sgsi_threads_set(0);
+        assert_int_equal(f.model->count, count);
+        for (size_t i = 0; i < count; ++i) {
+            const float tag = (float)expected[i][1];
+            const bool second = i && expected[i][1] == expected[i - 1][1],
+                       clone = expected[i][1] % 7 == 0 && !second;
+            assert_true(*sgs_gaussians_at(f.model, i, SGS_PARAM_SH_DC) == tag);
+            assert_true(moment(f.m, i, 3) == (clone ? 0.0f : tag + 0.25f));
+        }
+        free(expected);
+        drop(&f);
+    }
+}
+
+// An update with SPARE-GS that clones, splits and removes, followed by an opacity reset.
+static fixture large_update(int threads, const sgsi_pipeline *pipeline)
+{
+    fixture f = make(LARGE);
+    f.pipeline = pipeline;
+    f.options.spare_densify = f.options.spare_prune = true;
+    for (size_t i = 0; i < LARGE; ++i) {
+        const double u = sgsi_random_uniform(71, i), w = sgsi_random_uniform(72, i);
+        const double seen = floor(40 * sgsi_random_uniform(73, i));
+        f.statistics.gradient_sum[i] = f.statistics.abs_grad_sum[i] = (float)(4e-4 * u * u * seen);
+        f.statistics.radius_max[i] = (float)(1 + 20 * w);
+        f.statistics.visible_count[i] = (uint32_t)seen;
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = (float)(12 * w - 8);
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(u > 0.9 ? 0.4f : 0.02f);
+        for (int k = 0; k < 3; ++k) // crowded at one side
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + k) *=
+                *sgs_gaussians_at(f.model, i, SGS_PARAM_MEAN + k);
+    }
+    sgsi_threads_set(threads);
+    update(&f);
+    sgsi_density_reset_opacity(f.model, f.m, f.v, 0.01, NULL);
+    sgsi_threads_set(0);
+    return f;
+}
+
+static void large_updates_do_not_depend_on_the_threads(void **state)
+{
+    (void)state;
+    const sgsi_pipeline *pipelines[] = {&sgsi_pipeline_3dgs, &sgsi_pipeline_mip};
+    for (int p = 0; p < 2; ++p) {
+        fixture f = large_update(1, pipelines[p]);
+        const sgsi_density_result *a = &f.result;
+        assert_true(a->cloned > 1000 && a->split > 1000 && a->spare_pruned > 1000 &&
+                    a->pruned > a->spare_pruned && a->bmd_boosted && a->bmd_suppressed);
+        for (int threads = 2; threads < 8; threads += 3) {
+            fixture g = large_update(threads, pipelines[p]);
+            const size_t bytes = f.model->capacity * SGS_PARAM_COUNT * sizeof(float);
+            const sgsi_density_result *b = &g.result;
+            assert_int_equal(f.model->count, g.model->count);
+            assert_int_equal(f.model->capacity, g.model->capacity);
+            assert_memory_equal(f.model->data, g.model->data, bytes);
+            assert_memory_equal(f.m, g.m, bytes);
+            assert_memory_equal(f.v, g.v, bytes);
+            assert_memory_equal(a->region_list, b->region_list,
+                                a->regions * sizeof *a->region_list);
+            assert_true(a->cloned == b->cloned && a->split == b->split && a->pruned == b->pruned &&
+                        a->spare_pruned == b->spare_pruned && a->regions == b->regions &&
+                        a->bmd_boosted == b->bmd_boosted && a->mean_weight == b->mean_weight &&
+                        a->bmd_suppressed == b->bmd_suppressed &&
+                        a->over_budget_share == b->over_budget_share);
+            drop(&g);
+        }
+        drop(&f);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -562,6 +673,8 @@ int main(void)
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
         cmocka_unit_test(sorting_keeps_every_row),
+        cmocka_unit_test(new_rows_are_in_morton_order_and_then_in_the_order_of_the_old_ones),
+        cmocka_unit_test(large_updates_do_not_depend_on_the_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -17,6 +17,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "base/compare.h"
 #include "base/threads.h"
 #include "model/filter_3d.h"
 #include "density/density.h"
@@ -174,6 +175,31 @@ static void the_nearest_view_is_found_among_many(void **state)
         check_nearest(sorted, 1.0);
         check_nearest(sorted, 15.0);
     }
+}
+
+// Values of rank k against a sorted copy; those that are not positive count as 0.
+static void ranks_are_those_of_a_sorted_copy(void **state)
+{
+    (void)state;
+    enum { N = 300000 };
+    float *values = malloc(N * sizeof *values), *sorted = malloc(N * sizeof *sorted);
+    for (size_t i = 0; i < N; ++i) {
+        const double u = sgsi_random_uniform(8, i);
+        values[i] = i % 11 ? (float)exp(60 * u - 40) : i % 2 ? 0.25f : -1.0f;
+        if (i % 1000 == 1)
+            values[i] = i % 3 ? NAN : INFINITY;
+        sorted[i] = values[i] > 0 ? values[i] : 0;
+    }
+    qsort(sorted, N, sizeof *sorted, sgsi_compare_floats);
+    for (int threads = 1; threads < 4; threads += 2) {
+        sgsi_threads_set(threads);
+        for (size_t k = 0; k < N; k += k % 2 ? 59999 : 1)
+            assert_true(sgsi_positive_rank(values, N, k) == sorted[k]);
+        assert_true(sgsi_positive_rank(values, N, N - 1) == sorted[N - 1]);
+    }
+    sgsi_threads_set(0);
+    free(values);
+    free(sorted);
 }
 
 static void fused_model_looks_the_same_without_its_filter(void **state)
@@ -334,6 +360,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(filter_is_the_finest_sampling_of_all_views),
         cmocka_unit_test(the_nearest_view_is_found_among_many),
+        cmocka_unit_test(ranks_are_those_of_a_sorted_copy),
         cmocka_unit_test(fused_model_looks_the_same_without_its_filter),
         cmocka_unit_test(filter_is_the_last_of_63_properties),
         cmocka_unit_test(reset_limits_the_filtered_opacity),

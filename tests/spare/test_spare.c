@@ -68,8 +68,8 @@ static void evaluate(fixture *f, const spare_options *options)
     memset(f->workspace, 0xA5, f->workspace_size + GUARD);
     memset(f->weights, 0xA5, f->count * sizeof *f->weights);
     memset(f->redundant, 0xA5, f->count);
-    const spare_input input = {f->count,   f->x,        f->y,       f->z,
-                               f->opacity, f->gradient, f->visible, f->radius};
+    const spare_input input = {f->count,    f->x,       f->y,      f->z, f->opacity,
+                               f->gradient, f->visible, f->radius, NULL, 0};
     const size_t allocations = sgsi_allocation_count();
     spare_evaluate(options, &input, f->workspace, f->weights, f->redundant, &f->result);
     assert_int_equal(sgsi_allocation_count(), allocations);

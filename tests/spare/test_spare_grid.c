@@ -35,8 +35,14 @@ static spare_result evaluate(double quantile, void **memory)
     spare_options options = spare_options_default();
     options.grid = GRID;
     options.grid_quantile = quantile;
-    const spare_input input = {COUNT,   centres[0], centres[1], centres[2],
-                               opacity, gradient,   views,      radius};
+    const spare_input input = {.count = COUNT,
+                               .x = centres[0],
+                               .y = centres[1],
+                               .z = centres[2],
+                               .opacity = opacity,
+                               .gradient_sum = gradient,
+                               .visible_count = views,
+                               .radius_max = radius};
     spare_result result;
     *memory = sgsi_alloc(spare_workspace_size(&options, COUNT), 1);
     assert_non_null(*memory);

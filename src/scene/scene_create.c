@@ -185,6 +185,7 @@ static sgs_status measure_white_point(creator *c)
     for (size_t i = 0; i < scene->view_count; ++i)
         linear +=
             c->entries[i].source->pixels && c->entries[i].source->pixel_type != SGS_PIXEL_UINT8;
+    scene->linear_images = linear;
     if (c->options.white_point > 0 || !linear)
         return SGS_STATUS_OK;
     sgsi_light *light = sgsi_calloc(1, sizeof *light);

@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Scenes from memory: a copy of the bundled scene trains to the same bits; pixel types, strides,
-// masks and alpha are as documented; errors name the bad input; loading reports progress and can be
-// cancelled.
+// Scenes from memory: a copy of the bundled scene trains to the same bits; the scene of a folder
+// and that of the same pixels in memory agree; pixel types, strides, masks and alpha are as
+// documented; errors name the bad input; loading reports progress and can be cancelled.
 
 #include <math.h>
 #include <setjmp.h>
@@ -18,8 +18,10 @@
 #include <pthread.h>
 
 #include "sparegs/image.h"
+#include "sparegs/model_file.h"
 #include "sparegs/scene.h"
 #include "sparegs/trainer.h"
+#include "support/scene_support.h"
 
 static const char room[] = SGSI_TEST_DATA "/room";
 
@@ -191,6 +193,99 @@ static void floats_with_strides_become_the_space_of_the_scene(void **state)
     sgs_scene *scene = make(&source, NULL);
     assert_true(scene->white_point > 2.0 && scene->white_point < 2.4);
     sgs_scene_destroy(scene);
+}
+
+static double white_point_of_trained(const sgs_scene *scene, const temp_folder *folder)
+{
+    const char *path = temp_path(folder, "trained.ply");
+    sgs_trainer *trainer;
+    sgs_step_info info;
+    sgs_model_colors colors;
+    assert_int_equal(sgs_trainer_create(scene, NULL, &trainer), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+    assert_int_equal(sgs_trainer_write_ply(trainer, path), SGS_STATUS_OK);
+    sgs_trainer_destroy(trainer);
+    assert_int_equal(sgs_model_read_colors(path, &colors), SGS_STATUS_OK);
+    return colors.white_point;
+}
+
+static void assert_same_photo(const sgs_photo *a, const sgs_photo *b)
+{
+    assert_true(a->width == b->width && a->height == b->height && a->channels == b->channels);
+    assert_true(a->is_hdr == b->is_hdr && a->kept == b->kept && !a->pixels == !b->pixels);
+    const size_t values = (size_t)a->width * (size_t)a->height * (size_t)a->channels;
+    for (size_t i = 0; i < values; ++i)
+        assert_true(sgs_photo_value(a, i) == sgs_photo_value(b, i));
+}
+
+// Two photos in linear light and an 8-bit one, as TIFF files and in memory.
+static void a_folder_and_memory_give_the_same_scene(void **state)
+{
+    (void)state;
+    static float light[2][H][W][3];
+    static uint8_t bytes[H][W][4];
+    static const float points[4][3] = {{0, 0, 2}, {0.5f, 0, 3}, {0, 0.25f, 2}, {-0.5f, 0, 4}};
+    for (int i = 0; i < H * W; ++i) {
+        for (int c = 0; c < 3; ++c)
+            for (int k = 0; k < 2; ++k)
+                light[k][i / W][i % W][c] = (float)((i * 37 + c * 11 + k * 5) % 256) / 32.0f;
+        for (int c = 0; c < 4; ++c)
+            bytes[i / W][i % W][c] = (uint8_t)((i * 53 + c * 29) % 256);
+    }
+    const temp_folder folder = temp_folder_make();
+    const tiff floats = {W, H, 3, 32, 2, 3, 0}, rgba = {W, H, 4, 8, 2, 1, 2};
+    tiff_put(&folder, "images/0.tif", &floats, light[0], sizeof light[0]);
+    tiff_put(&folder, "images/1.tif", &floats, light[1], sizeof light[1]);
+    tiff_put(&folder, "images/2.tif", &rgba, bytes, sizeof bytes);
+    tree_put_text(&folder, "points.ply",
+                  "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+                  "property float z\nend_header\n0 0 2\n0.5 0 3\n0 0.25 2\n-0.5 0 4\n");
+#define FRAME(name, x)                                                                             \
+    "{\"file_path\":\"images/" name "\",\"transform_matrix\":[[1,0,0," x                           \
+    "],[0,-1,0,0],[0,0,-1,0],[0,0,0,1]]}"
+    tree_put_text(&folder, "transforms.json",
+                  "{\"fl_x\":20,\"fl_y\":20,\"cx\":9.5,\"cy\":3.5,\"w\":19,\"h\":7,"
+                  "\"ply_file_path\":\"points.ply\",\"frames\":[" FRAME("0.tif", "0") "," FRAME(
+                      "1.tif", "0.5") "," FRAME("2.tif", "-1") "]}");
+#undef FRAME
+    sgs_view_source sources[3] = {small_source(3, SGS_PIXEL_FLOAT, light[0]),
+                                  small_source(3, SGS_PIXEL_FLOAT, light[1]),
+                                  small_source(4, SGS_PIXEL_UINT8, bytes)};
+    static const char *const names[3] = {"images/0.tif", "images/1.tif", "images/2.tif"};
+    for (int v = 0; v < 3; ++v) {
+        sources[v].name = names[v];
+        sources[v].pose.translation[0] = v == 0 ? 0 : v == 1 ? -0.5 : 1;
+    }
+    sgs_scene *loaded, *made;
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &loaded), SGS_STATUS_OK);
+    assert_int_equal(sgs_scene_create(sources, 3, points[0], NULL, 4, NULL, &made), SGS_STATUS_OK);
+    assert_int_equal(loaded->view_count, 3);
+    assert_int_equal(made->view_count, 3);
+    for (size_t v = 0; v < 3; ++v) {
+        assert_string_equal(made->views[v].name, loaded->views[v].name);
+        assert_true(sgs_camera_equal(&made->views[v].camera, &loaded->views[v].camera));
+        assert_memory_equal(&made->views[v].pose, &loaded->views[v].pose, sizeof(sgs_pose));
+        assert_int_equal(made->views[v].split, loaded->views[v].split);
+        assert_same_photo(&made->views[v].image, &loaded->views[v].image);
+    }
+    assert_int_equal(loaded->linear_images, 2);
+    assert_int_equal(made->linear_images, 2);
+    assert_true(loaded->white_point > 4.0 && made->white_point == loaded->white_point);
+    assert_int_equal(made->float_images, loaded->float_images);
+    assert_int_equal(made->photo_bytes, loaded->photo_bytes);
+    assert_int_equal(made->has_alpha, loaded->has_alpha);
+    assert_int_equal(made->pixels_broken, loaded->pixels_broken);
+    assert_int_equal(made->masks, loaded->masks);
+    assert_int_equal(made->point_count, loaded->point_count);
+    assert_memory_equal(made->points, loaded->points, sizeof points);
+    assert_memory_equal(made->center, loaded->center, sizeof made->center);
+    assert_true(made->extent == loaded->extent);
+    const double white_point = white_point_of_trained(loaded, &folder);
+    assert_true(fabs(white_point - loaded->white_point) <= 1e-6 * white_point);
+    assert_true(white_point_of_trained(made, &folder) == white_point);
+    sgs_scene_destroy(loaded);
+    sgs_scene_destroy(made);
+    tree_remove(&folder);
 }
 
 static void halves_keep_their_value(void **state)
@@ -511,6 +606,7 @@ int main(void)
         cmocka_unit_test(a_copied_scene_trains_to_the_same_bits),
         cmocka_unit_test(trainers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(floats_with_strides_become_the_space_of_the_scene),
+        cmocka_unit_test(a_folder_and_memory_give_the_same_scene),
         cmocka_unit_test(halves_keep_their_value),
         cmocka_unit_test(recorded_names_match_in_other_folders),
         cmocka_unit_test(masks_define_the_valid_pixels),

@@ -41,7 +41,8 @@ typedef struct sgs_camera {
     double params[12]; // in the model's order above; unused entries are 0
 } sgs_camera;
 
-// World to camera: p_cam = rotation * p_world + translation. Rotation row-major, orthonormal.
+// World to camera: p_cam = rotation * p_world + translation. Rotation row-major, orthonormal, not
+// mirrored: see sgs_pose_validate.
 typedef struct sgs_pose {
     double rotation[9];
     double translation[3];
@@ -62,7 +63,7 @@ SGS_API bool sgs_camera_model_from_name(const char *name, sgs_camera_model *mode
 SGS_API bool sgs_camera_is_fisheye(sgs_camera_model model);
 
 // Checks sizes in [1, 65536], finite parameters, positive focal lengths and |omega| < pi of the FOV
-// model. Fails with FORMAT; sgs_last_error() gives the reason, without a file name.
+// model. Fails with INVALID_ARGUMENT; sgs_last_error() gives the reason, without a file name.
 SGS_API sgs_status sgs_camera_validate(const sgs_camera *camera);
 
 // True if both cameras have the same model, size and parameters.
@@ -101,8 +102,13 @@ SGS_API bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2
 // Camera centre in world space: -Rᵀ t.
 SGS_API void sgs_pose_center(const sgs_pose *pose, double center[3]);
 
+// Checks that the rotation is orthonormal to 1e-3 and not mirrored, the translation finite, and the
+// sum of the camera centre's absolute coordinates below 1e15. Fails with INVALID_ARGUMENT;
+// sgs_last_error() gives the reason.
+SGS_API sgs_status sgs_pose_validate(const sgs_pose *pose);
+
 // Pose from a quaternion (w,x,y,z, any positive norm) and translation, in COLMAP's convention.
-// Fails with SGS_STATUS_FORMAT for zero or non-finite quaternions or non-finite translations.
+// Fails with INVALID_ARGUMENT for zero or non-finite quaternions or non-finite translations.
 SGS_API sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3],
                                             sgs_pose *pose);
 

@@ -138,10 +138,10 @@ SGS_API sgs_status sgs_renderer_update(sgs_renderer *renderer);
 SGS_API sgs_status sgs_renderer_refit(sgs_renderer *renderer);
 // Renders one view into the planes of `frame` that are not NULL. options NULL = the defaults. The
 // result does not depend on the number of threads, bit for bit. Fails with INVALID_ARGUMENT
-// (options or camera position out of range, frame size differs from the camera's), FORMAT
-// (sgs_camera_validate), UNSUPPORTED (a lens too wide for its image, axis_depth with a ray 90
-// degrees or more from the axis), OUT_OF_MEMORY, INTERNAL (Embree) or CANCELLED; the contents of
-// the planes are then undefined.
+// (options out of range, sgs_camera_validate, sgs_pose_validate, frame size differs from the
+// camera's), UNSUPPORTED (a lens too wide for its image, axis_depth with a ray 90 degrees or more
+// from the axis), OUT_OF_MEMORY, INTERNAL (Embree) or CANCELLED; the contents of the planes are
+// then undefined.
 SGS_API sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
                                        const sgs_pose *pose, const sgs_render_options *options,
                                        sgs_frame *frame);

@@ -458,6 +458,8 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     sgs_profile *out = job->out;
     sgs_status status = check_options(&job->options, &job->render);
     if (!status)
+        status = sgs_pose_validate(pose);
+    if (!status)
         status = sgsi_rays_create(camera, sgsi_macrotile_side(camera), &job->rays);
     if (status)
         return status;

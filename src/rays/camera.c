@@ -109,22 +109,26 @@ bool sgs_camera_is_fisheye(sgs_camera_model model)
 sgs_status sgs_camera_validate(const sgs_camera *camera)
 {
     if (!model_known(camera->model))
-        return sgsi_fail(SGS_STATUS_FORMAT, "unknown camera model %d", (int)camera->model);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown camera model %d",
+                         (int)camera->model);
     if (camera->width < 1 || camera->height < 1 || camera->width > MAX_SIZE ||
         camera->height > MAX_SIZE)
-        return sgsi_fail(SGS_STATUS_FORMAT, "camera size %d x %d is not within 1 to %d pixels",
-                         camera->width, camera->height, MAX_SIZE);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "camera size %d x %d is not within 1 to %d pixels", camera->width,
+                         camera->height, MAX_SIZE);
     const int focal_count = kind_of(camera->model)->focal_count;
     for (int i = 0; i < kind_of(camera->model)->param_count; ++i) {
         if (!isfinite(camera->params[i]))
-            return sgsi_fail(SGS_STATUS_FORMAT, "parameter %d of the %s camera is not finite",
-                             i + 1, kind_of(camera->model)->name);
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "parameter %d of the %s camera is not finite", i + 1,
+                             kind_of(camera->model)->name);
         if (i < focal_count && !(camera->params[i] > 0))
-            return sgsi_fail(SGS_STATUS_FORMAT, "focal length %g of the %s camera is not positive",
-                             camera->params[i], kind_of(camera->model)->name);
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "focal length %g of the %s camera is not positive", camera->params[i],
+                             kind_of(camera->model)->name);
     }
     if (camera->model == SGS_CAMERA_FOV && !(fabs(camera->params[4]) < PI))
-        return sgsi_fail(SGS_STATUS_FORMAT,
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "field-of-view parameter %g of the FOV camera is not less than pi",
                          camera->params[4]);
     return SGS_STATUS_OK;
@@ -569,18 +573,54 @@ void sgs_pose_center(const sgs_pose *pose, double center[3])
         center[i] = -(m[i] * t[0] + m[3 + i] * t[1] + m[6 + i] * t[2]);
 }
 
+static double determinant(const double r[9])
+{
+    return r[0] * (r[4] * r[8] - r[5] * r[7]) + r[1] * (r[5] * r[6] - r[3] * r[8]) +
+           r[2] * (r[3] * r[7] - r[4] * r[6]);
+}
+
+static bool is_orthonormal(const double r[9])
+{
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+            const double dot =
+                r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] + r[3 * i + 2] * r[3 * j + 2];
+            if (!(fabs(dot - (i == j)) <= 1e-3))
+                return false;
+        }
+    return true;
+}
+
+sgs_status sgs_pose_validate(const sgs_pose *pose)
+{
+    if (!is_orthonormal(pose->rotation))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pose.rotation is not orthonormal");
+    if (determinant(pose->rotation) < 0)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "pose.rotation is mirrored; convert left-handed cameras to x right, y "
+                         "down, z forward");
+    for (int k = 0; k < 3; ++k)
+        if (!isfinite(pose->translation[k]))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pose.translation is not finite");
+    double center[3];
+    sgs_pose_center(pose, center);
+    if (!(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "camera position is out of range");
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], sgs_pose *pose)
 {
     double largest = 0;
     for (int i = 0; i < 4; ++i) {
         if (!isfinite(qvec[i]))
-            return sgsi_fail(SGS_STATUS_FORMAT, "the rotation quaternion is not finite");
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the rotation quaternion is not finite");
         largest = fmax(largest, fabs(qvec[i]));
     }
     if (largest == 0)
-        return sgsi_fail(SGS_STATUS_FORMAT, "the rotation quaternion has norm 0");
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the rotation quaternion has norm 0");
     if (!isfinite(tvec[0]) || !isfinite(tvec[1]) || !isfinite(tvec[2]))
-        return sgsi_fail(SGS_STATUS_FORMAT, "the translation is not finite");
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the translation is not finite");
     // Scale first: squares of very small or large components would underflow or overflow.
     double w = qvec[0] / largest, x = qvec[1] / largest, y = qvec[2] / largest,
            z = qvec[3] / largest;

@@ -80,8 +80,8 @@ typedef struct sgsi_view {
 
 // macrotile_side: tiles per side of a macrotile (1, 2, 4; larger values count as 4). It is reduced
 // for the whole image if a macrotile would cover too wide an angle for one tangent plane. Fails
-// with FORMAT (sgs_camera_validate), UNSUPPORTED (a tile too wide for one tangent plane) or
-// OUT_OF_MEMORY; *rays is then NULL.
+// with INVALID_ARGUMENT (sgs_camera_validate), UNSUPPORTED (a tile too wide for one tangent plane)
+// or OUT_OF_MEMORY; *rays is then NULL.
 sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 

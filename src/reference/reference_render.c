@@ -202,7 +202,9 @@ sgs_status sgsi_reference_view_create(const double *params, size_t count, const 
                          "the reference renderer has no tiles; compact_box must be 1");
     if (count > UINT32_MAX)
         return sgsi_fail(SGS_STATUS_LIMIT, "reference: %zu primitives; ids have 32 bits", count);
-    const sgs_status status = sgs_camera_validate(camera);
+    sgs_status status = sgs_camera_validate(camera);
+    if (status == SGS_STATUS_OK)
+        status = sgs_pose_validate(pose);
     if (status != SGS_STATUS_OK)
         return status;
     double fx, fy, cx, cy;

@@ -263,6 +263,8 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     const sgsi_rays *rays;
     sgs_status status = sgsi_render_options_check(options);
     if (!status)
+        status = sgs_pose_validate(pose);
+    if (!status)
         status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
     if (!status && options->axis_depth && !rays->forward)
         status = sgsi_fail(SGS_STATUS_UNSUPPORTED,

@@ -210,24 +210,6 @@ static sgs_status measure_white_point(creator *c)
 
 // ---- Checks ----
 
-static double determinant(const double r[9])
-{
-    return r[0] * (r[4] * r[8] - r[5] * r[7]) + r[1] * (r[5] * r[6] - r[3] * r[8]) +
-           r[2] * (r[3] * r[7] - r[4] * r[6]);
-}
-
-static bool is_orthonormal(const double r[9])
-{
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-            const double dot =
-                r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] + r[3 * i + 2] * r[3 * j + 2];
-            if (!(fabs(dot - (i == j)) <= 1e-3))
-                return false;
-        }
-    return true;
-}
-
 static bool fits(ptrdiff_t stride, ptrdiff_t bytes)
 {
     return !stride || stride >= bytes || stride <= -bytes;
@@ -240,18 +222,8 @@ static sgs_status check_source(const entry *e)
     if (sgs_camera_validate(&s->camera))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "view '%s': camera: %s", e->name,
                          sgs_last_error());
-    if (!is_orthonormal(s->pose.rotation))
-        wrong = "pose.rotation is not orthonormal";
-    else if (determinant(s->pose.rotation) < 0)
-        wrong = "pose.rotation is mirrored; convert left-handed cameras to x right, y down, z "
-                "forward";
-    for (int k = 0; k < 3; ++k)
-        if (!isfinite(s->pose.translation[k]))
-            wrong = "pose.translation is not finite";
-    double center[3];
-    sgs_pose_center(&s->pose, center);
-    if (!wrong && !(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
-        wrong = "camera position is out of range";
+    if (sgs_pose_validate(&s->pose))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "view '%s': %s", e->name, sgs_last_error());
     if (s->split != SGS_SPLIT_TRAIN && s->split != SGS_SPLIT_TEST)
         wrong = "split is neither SGS_SPLIT_TRAIN nor SGS_SPLIT_TEST";
     if (s->pixels && (unsigned)s->pixel_type > SGS_PIXEL_FLOAT)

@@ -450,7 +450,7 @@ static void invalid_cameras_are_rejected_with_the_reason(void **state)
         {{SGS_CAMERA_FOV, 64, 48, {1, 1, 1, 1, 3.2}}, "field-of-view parameter 3.2"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
-        assert_int_equal(sgs_camera_validate(&cases[i].camera), SGS_STATUS_FORMAT);
+        assert_int_equal(sgs_camera_validate(&cases[i].camera), SGS_STATUS_INVALID_ARGUMENT);
         if (!strstr(sgs_last_error(), cases[i].message))
             fail_msg("'%s' does not contain '%s'", sgs_last_error(), cases[i].message);
         bad_input();
@@ -534,14 +534,47 @@ static void invalid_poses_are_rejected(void **state)
                  inf_q[4] = {INFINITY, 0, 0, 0};
     const double t[3] = {0, 0, 0}, nan_t[3] = {0, NAN, 0}, inf_t[3] = {0, 0, -INFINITY};
     sgs_pose pose;
-    assert_int_equal(sgs_pose_from_quaternion(zero, t, &pose), SGS_STATUS_FORMAT);
+    assert_int_equal(sgs_pose_from_quaternion(zero, t, &pose), SGS_STATUS_INVALID_ARGUMENT);
     assert_non_null(strstr(sgs_last_error(), "norm 0"));
-    assert_int_equal(sgs_pose_from_quaternion(nan_q, t, &pose), SGS_STATUS_FORMAT);
+    assert_int_equal(sgs_pose_from_quaternion(nan_q, t, &pose), SGS_STATUS_INVALID_ARGUMENT);
     assert_non_null(strstr(sgs_last_error(), "quaternion is not finite"));
-    assert_int_equal(sgs_pose_from_quaternion(inf_q, t, &pose), SGS_STATUS_FORMAT);
-    assert_int_equal(sgs_pose_from_quaternion(fine, nan_t, &pose), SGS_STATUS_FORMAT);
+    assert_int_equal(sgs_pose_from_quaternion(inf_q, t, &pose), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_pose_from_quaternion(fine, nan_t, &pose), SGS_STATUS_INVALID_ARGUMENT);
     assert_non_null(strstr(sgs_last_error(), "translation is not finite"));
-    assert_int_equal(sgs_pose_from_quaternion(fine, inf_t, &pose), SGS_STATUS_FORMAT);
+    assert_int_equal(sgs_pose_from_quaternion(fine, inf_t, &pose), SGS_STATUS_INVALID_ARGUMENT);
+}
+
+static void poses_must_be_rotations_within_range(void **state)
+{
+    (void)state;
+    const sgs_pose fine = {{0, -1, 0, 1, 0, 0, 0, 0, 1}, {10, 20, 30}};
+    static const struct {
+        int entry; // of the rotation, or 9 + that of the translation
+        double value;
+        const char *message;
+    } cases[] = {
+        {8, 2, "not orthonormal"},
+        {8, 0, "not orthonormal"},
+        {2, NAN, "not orthonormal"},
+        {0, 2e-3, "not orthonormal"},
+        {8, -1, "mirrored"},
+        {10, NAN, "translation is not finite"},
+        {11, INFINITY, "translation is not"},
+        {9, 1e15, "position is out of range"},
+    };
+    assert_int_equal(sgs_pose_validate(&fine), SGS_STATUS_OK);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        sgs_pose pose = fine;
+        *(cases[i].entry < 9 ? &pose.rotation[cases[i].entry]
+                             : &pose.translation[cases[i].entry - 9]) = cases[i].value;
+        assert_int_equal(sgs_pose_validate(&pose), SGS_STATUS_INVALID_ARGUMENT);
+        if (!strstr(sgs_last_error(), cases[i].message))
+            fail_msg("'%s' does not contain '%s'", sgs_last_error(), cases[i].message);
+    }
+    sgs_pose rounded = fine;
+    rounded.rotation[0] = 4e-4; // of a file with few digits
+    assert_int_equal(sgs_pose_validate(&rounded), SGS_STATUS_OK);
+    bad_input();
 }
 
 // The image of a direction is scaled equally on both axes; the central column stays central.
@@ -590,6 +623,7 @@ int main(void)
         cmocka_unit_test(quaternions_of_any_norm_round_trip),
         cmocka_unit_test(quaternion_convention_is_colmaps),
         cmocka_unit_test(invalid_poses_are_rejected),
+        cmocka_unit_test(poses_must_be_rotations_within_range),
     };
     return cmocka_run_group_tests_name("camera", tests, NULL, NULL);
 }

@@ -185,7 +185,8 @@ SGS_API sgs_deep_options sgs_deep_options_default(void);
 // Receives the rows [y, y + rows) of a deep image, from top to bottom. counts: [rows][width]
 // samples per pixel; samples: of all these pixels, consecutively. Both are valid during the call.
 // The frame's planes are complete for these rows. A status other than SGS_STATUS_OK ends the
-// rendering with that status.
+// rendering with that status; sgs_last_error() is then what the function made it, or else says
+// that it failed.
 typedef sgs_status (*sgs_deep_rows_fn)(void *context, int y, int rows, const uint32_t *counts,
                                        const sgs_deep_sample *samples);
 

@@ -37,8 +37,18 @@ typedef enum sgs_status {
 SGS_API const char *sgs_status_text(sgs_status status);
 
 // The sentence that explains the last failed call of this thread, "" if there was none. Owned by
-// the library; valid until the next failing call on the same thread.
+// the library; valid until the next failing call on the same thread. Read it right after the
+// failure: a call that succeeds may also replace it, after a failure inside that it made up for.
 SGS_API const char *sgs_last_error(void);
+
+// Structs of options begin with struct_size. sgs_X_options_init(&options, sizeof options) writes
+// the defaults and that size, at most `size` bytes, so that a program may be older than the
+// library; sgs_X_options_default() calls it. A library refuses a struct_size larger than its own.
+
+// Functions of the caller that the library calls must return: they must not throw an exception or
+// call longjmp, which would leave locks held and objects unfinished. They run in the floating-point
+// mode of the thread that made the call, except warnings, which may run in the library's: rounding
+// to nearest, no traps, denormals flushed to zero.
 
 // Progress of a long call: `done` of `total` steps. Calls are serialised, but may come from a
 // thread of the library; they must not call the library on the objects in use. Returning false

@@ -18,6 +18,8 @@
 #include <unistd.h>
 
 static _Thread_local char last_error[1024];
+static _Thread_local size_t error_count;
+static _Thread_local int errors_suspended; // depth
 static sgs_warning_fn warning_fn;
 static void *warning_user;
 static atomic_size_t allocation_count;
@@ -55,12 +57,30 @@ void sgsi_record_error(const char *format, ...)
     // Formats into a second buffer: an argument may be sgs_last_error() itself when a caller adds a
     // file name.
     char text[sizeof last_error];
+    if (errors_suspended)
+        return;
     va_list args;
     va_start(args, format);
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
     make_printable(text);
     memcpy(last_error, text, sizeof text);
+    ++error_count;
+}
+
+size_t sgsi_error_count(void)
+{
+    return error_count;
+}
+
+void sgsi_errors_suspend(void)
+{
+    ++errors_suspended;
+}
+
+void sgsi_errors_resume(void)
+{
+    --errors_suspended;
 }
 
 void sgs_warning_handler_set(sgs_warning_fn fn, void *user)

@@ -27,6 +27,14 @@ void sgsi_record_error(const char *format, ...) SGSI_PRINTF(1, 2);
 // the call that the status is a failure.
 #define sgsi_fail(status, ...) (sgsi_record_error(__VA_ARGS__), (status))
 
+// Number of errors that this thread has recorded so far.
+size_t sgsi_error_count(void);
+
+// Between these two calls, which may be nested, the thread records no errors: for a failure that
+// the caller of the library does not see.
+void sgsi_errors_suspend(void);
+void sgsi_errors_resume(void);
+
 // Sends one warning line to the process-wide handler.
 void sgsi_warn(const char *format, ...) SGSI_PRINTF(1, 2);
 

@@ -134,7 +134,7 @@ static void *serve(void *argument)
 {
     member *m = argument;
     team *t = m->team;
-    sgsi_enter_float_mode();
+    sgsi_float_mode_enter();
     uint64_t seen = 0;
     while (!atomic_load(&t->ending)) {
         uint64_t word = await_loop(t, seen);

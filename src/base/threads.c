@@ -90,7 +90,7 @@ void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *cont
     const int threads = sgsi_threads();
     const bool nested = sgsi_team_is_inside(); // the other threads are busy
     const double start = sgsi_seconds();
-    const sgsi_float_mode mode = sgsi_enter_float_mode(); // restored below
+    const sgsi_float_mode mode = sgsi_float_mode_enter();
     if (threads == 1 || count <= chunk || nested) {
         for (size_t item = 0; item < count; ++item)
             body(context, item, 0);
@@ -102,7 +102,7 @@ void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *cont
         loop_seconds.inside += wall;
         loop_seconds.waiting += wall - finished / threads;
     }
-    sgsi_leave_float_mode(mode);
+    sgsi_float_mode_set(mode);
 }
 
 typedef struct range_loop {

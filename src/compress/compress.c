@@ -276,7 +276,10 @@ static sgs_status decode(sgsi_container *container, sgs_gaussians **model, sgs_c
 
 bool sgs_is_compressed(const char *path)
 {
-    return sgsi_container_is(path);
+    sgsi_errors_suspend();
+    const bool is = sgsi_container_is(path);
+    sgsi_errors_resume();
+    return is;
 }
 
 sgs_status sgs_compress_info_read(const char *path, sgs_compress_info *info)

@@ -230,7 +230,10 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
 
 bool sgs_model_format_detect(const char *path, sgs_model_format *format)
 {
-    return (sgsi_is_file(path) || sgsi_is_folder(path)) && !find_format(path, format);
+    sgsi_errors_suspend();
+    const bool known = (sgsi_is_file(path) || sgsi_is_folder(path)) && !find_format(path, format);
+    sgsi_errors_resume();
+    return known;
 }
 
 sgs_model_read_options sgs_model_read_options_default(void)

@@ -10,6 +10,8 @@
 
 #include "base/aov_planes.h"
 #include "base/core.h"
+#include "base/float_mode.h"
+#include "base/progress_calls.h"
 #include "trace/deep.h"
 #include "optimize/optimize.h"
 #include "model/normals.h"
@@ -33,6 +35,7 @@ struct sgs_renderer {
     sgsi_deep deep;
     float *filter_3d; // padded to a multiple of 16
     size_t filter_capacity;
+    sgsi_float_mode caller_mode; // during a call, for the caller's functions
     // Of the last differentiable render; valid while its lists are.
     bool differentiable;
     sgsi_view view;
@@ -312,15 +315,15 @@ static sgs_status render_bands(sgs_renderer *renderer, const sgsi_view *view,
             sgsi_tracer_forward_rows(renderer->tracer, view, &renderer->planes, first, last);
         if (status)
             return status;
-        if (!options->progress(options->progress_user, (size_t)last, (size_t)rays->tiles_y))
+        if (!sgsi_progress_call(options->progress, options->progress_user, (size_t)last,
+                                (size_t)rays->tiles_y, renderer->caller_mode))
             return sgsi_fail(SGS_STATUS_CANCELLED, "rendering was cancelled");
     }
     return SGS_STATUS_OK;
 }
 
-sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
-                               const sgs_pose *pose, const sgs_render_options *options,
-                               sgs_frame *frame)
+static sgs_status render(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
+                         const sgs_render_options *options, sgs_frame *frame)
 {
     sgs_render_options own = sgs_render_options_default();
     sgs_status status = sgsi_options_read(options, "sgs_render_options", &own, sizeof own);
@@ -339,10 +342,33 @@ sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
     return status;
 }
 
-sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
-                                    const sgs_pose *pose, const sgs_render_options *options,
-                                    const sgs_deep_options *deep, sgs_frame *frame,
-                                    sgs_deep_rows_fn rows, void *context)
+sgs_status sgs_renderer_render(sgs_renderer *renderer, const sgs_camera *camera,
+                               const sgs_pose *pose, const sgs_render_options *options,
+                               sgs_frame *frame)
+{
+    renderer->caller_mode = sgsi_float_mode_enter();
+    const sgs_status status = render(renderer, camera, pose, options, frame);
+    sgsi_float_mode_set(renderer->caller_mode);
+    return status;
+}
+
+static sgs_status call_rows(const sgs_renderer *renderer, int y, int height, sgs_deep_rows_fn rows,
+                            void *context)
+{
+    const size_t errors = sgsi_error_count();
+    sgsi_float_mode_set(renderer->caller_mode);
+    const sgs_status status =
+        rows(context, y, height, renderer->deep.counts, renderer->deep.samples);
+    (void)sgsi_float_mode_enter();
+    if (status && sgsi_error_count() == errors)
+        sgsi_record_error("the rows callback failed: %s", sgs_status_text(status));
+    return status;
+}
+
+static sgs_status render_deep(sgs_renderer *renderer, const sgs_camera *camera,
+                              const sgs_pose *pose, const sgs_render_options *options,
+                              const sgs_deep_options *deep, sgs_frame *frame, sgs_deep_rows_fn rows,
+                              void *context)
 {
     sgs_render_options own = sgs_render_options_default();
     sgs_deep_options own_deep = sgs_deep_options_default();
@@ -378,11 +404,24 @@ sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *ca
         if (status)
             break;
         sgsi_deep_pack(&renderer->deep);
-        status = rows(context, y, height, renderer->deep.counts, renderer->deep.samples);
+        status = call_rows(renderer, y, height, rows, context);
         if (!status && own.progress &&
-            !own.progress(own.progress_user, (size_t)y + (size_t)height, (size_t)camera->height))
+            !sgsi_progress_call(own.progress, own.progress_user, (size_t)y + (size_t)height,
+                                (size_t)camera->height, renderer->caller_mode))
             status = sgsi_fail(SGS_STATUS_CANCELLED, "rendering was cancelled");
     }
+    return status;
+}
+
+sgs_status sgs_renderer_render_deep(sgs_renderer *renderer, const sgs_camera *camera,
+                                    const sgs_pose *pose, const sgs_render_options *options,
+                                    const sgs_deep_options *deep, sgs_frame *frame,
+                                    sgs_deep_rows_fn rows, void *context)
+{
+    renderer->caller_mode = sgsi_float_mode_enter();
+    const sgs_status status =
+        render_deep(renderer, camera, pose, options, deep, frame, rows, context);
+    sgsi_float_mode_set(renderer->caller_mode);
     return status;
 }
 
@@ -441,8 +480,7 @@ static sgs_status check_gradients(const sgs_renderer *renderer, const sgs_frame 
     return SGS_STATUS_OK;
 }
 
-sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_frame,
-                                 sgs_gaussians *d_model)
+static sgs_status backward(sgs_renderer *renderer, const sgs_frame *d_frame, sgs_gaussians *d_model)
 {
     sgs_status status = check_gradients(renderer, d_frame, d_model);
     if (status)
@@ -480,4 +518,13 @@ sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_fram
     d_model->sh_degree = model->sh_degree;
     d_model->linear_opacity = model->linear_opacity;
     return SGS_STATUS_OK;
+}
+
+sgs_status sgs_renderer_backward(sgs_renderer *renderer, const sgs_frame *d_frame,
+                                 sgs_gaussians *d_model)
+{
+    const sgsi_float_mode mode = sgsi_float_mode_enter();
+    const sgs_status status = backward(renderer, d_frame, d_model);
+    sgsi_float_mode_set(mode);
+    return status;
 }

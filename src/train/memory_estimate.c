@@ -111,7 +111,10 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
                                  size_t image_cache, size_t gaussians, int ranks)
 {
     sgs_train_options own = sgs_train_options_default();
-    if (sgsi_options_read(options, "sgs_train_options", &own, sizeof own))
+    sgsi_errors_suspend();
+    const sgs_status status = sgsi_options_read(options, "sgs_train_options", &own, sizeof own);
+    sgsi_errors_resume();
+    if (status)
         return 0;
     size_t largest = TILE_PIXELS, widest = 0, tiles = 0;
     for (size_t i = 0; i < scene->view_count; ++i) {

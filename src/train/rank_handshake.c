@@ -80,7 +80,10 @@ uint64_t sgs_rank_file_digest(const char *path)
     FILE *file;
     size_t size;
     uint64_t digest = 0;
-    if (state && !sgsi_file_open(path, &file, &size)) {
+    sgsi_errors_suspend();
+    const bool opened = state && !sgsi_file_open(path, &file, &size);
+    sgsi_errors_resume();
+    if (opened) {
         XXH64_reset(state, 0);
         for (size_t n; (n = fread(bytes, 1, sizeof bytes, file)) > 0;)
             XXH64_update(state, bytes, n);

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/float_mode.h"
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
 #include "sparegs/option_descriptors.h"
@@ -144,7 +145,10 @@ static sgs_status create(const sgs_scene *scene, const sgs_train_options *option
 sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
                               sgs_trainer **trainer)
 {
-    return create(scene, options, false, NULL, trainer);
+    const sgsi_float_mode mode = sgsi_float_mode_enter();
+    const sgs_status status = create(scene, options, false, NULL, trainer);
+    sgsi_float_mode_set(mode);
+    return status;
 }
 
 sgs_status sgs_trainer_create_from(const sgs_scene *scene, const sgs_train_options *options,
@@ -152,7 +156,10 @@ sgs_status sgs_trainer_create_from(const sgs_scene *scene, const sgs_train_optio
 {
     sgs_gaussians *taken = *init;
     *init = NULL;
-    return create(scene, options, true, taken, trainer);
+    const sgsi_float_mode mode = sgsi_float_mode_enter();
+    const sgs_status status = create(scene, options, true, taken, trainer);
+    sgsi_float_mode_set(mode);
+    return status;
 }
 
 void sgs_trainer_destroy(sgs_trainer *trainer)
@@ -548,7 +555,7 @@ bool sgs_trainer_update_refused(const sgs_trainer *trainer)
     return trainer->update_refused;
 }
 
-sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
+static sgs_status step_on_all_ranks(sgs_trainer *trainer, sgs_step_info *info)
 {
     *info = (sgs_step_info){.mean_weight = 1.0};
     sgs_status status = repeat_last(trainer);
@@ -564,6 +571,14 @@ sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
     const sgs_status own = trainer->update_refused ? SGS_STATUS_OK : status;
     const sgs_status failed = sgs_ranks_agree(trainer->views.ranks, own);
     return failed ? failed : status;
+}
+
+sgs_status sgs_trainer_step(sgs_trainer *trainer, sgs_step_info *info)
+{
+    const sgsi_float_mode mode = sgsi_float_mode_enter();
+    const sgs_status status = step_on_all_ranks(trainer, info);
+    sgsi_float_mode_set(mode);
+    return status;
 }
 
 // ---- Measurements ----

@@ -78,7 +78,7 @@ static plain_sums add_all(const traced_view *traced, const float *const gradient
                        .seen = oracle_memory(count, 1)};
     const sgsi_rays *rays = traced->rays;
     const int side = rays->cells.side;
-    const sgsi_float_mode mode = sgsi_enter_float_mode();
+    const sgsi_float_mode mode = sgsi_float_mode_enter();
     for (size_t i = 0; i < rays->cells.count; ++i) {
         const int x0 = (int)rays->cells.raster[i] % rays->cells.cells_x * side,
                   y0 = (int)rays->cells.raster[i] / rays->cells.cells_x * side;
@@ -87,7 +87,7 @@ static plain_sums add_all(const traced_view *traced, const float *const gradient
                 add_tile(traced, gradients, (size_t)y * (size_t)rays->tiles_x + (size_t)x, &sums);
         close_cell(&sums);
     }
-    sgsi_leave_float_mode(mode);
+    sgsi_float_mode_set(mode);
     return sums;
 }
 

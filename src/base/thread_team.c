@@ -10,7 +10,6 @@
 
 #include <dlfcn.h>
 #include <pthread.h>
-#include <signal.h>
 #include <stdalign.h>
 #include <stdatomic.h>
 #include <stdint.h>
@@ -19,6 +18,7 @@
 
 #include "base/core.h"
 #include "base/float_mode.h"
+#include "base/library_thread.h"
 #ifdef __x86_64__
 #include <immintrin.h>
 #endif
@@ -212,23 +212,14 @@ static void make_own_key(void)
         !pthread_key_create(&own_key, end_own_team) && !pthread_atfork(NULL, NULL, forget_team);
 }
 
-// Members block signals, so that handlers run on threads of the program; only the signals of their
-// own faults are unblocked.
 static void start_members(team *t)
 {
-    static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGTRAP, SIGSYS, SIGABRT};
-    sigset_t blocked, before;
-    sigfillset(&blocked);
-    for (size_t i = 0; i < sizeof faults / sizeof *faults; ++i)
-        sigdelset(&blocked, faults[i]);
-    pthread_sigmask(SIG_SETMASK, &blocked, &before);
     for (int i = 0; i + 1 < t->threads; ++i) {
         t->members[i] = (member){.team = t, .number = i + 1};
-        if (pthread_create(&t->members[i].thread, NULL, serve, &t->members[i]))
+        if (!sgsi_thread_create(&t->members[i].thread, serve, &t->members[i]))
             break;
         t->size = i + 1;
     }
-    pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 
 // The team of the calling thread with `threads` threads; NULL when out of memory.

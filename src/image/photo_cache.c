@@ -21,6 +21,8 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/float_mode.h"
+#include "base/library_thread.h"
 
 typedef enum photo_state { ABSENT, QUEUED, DECODING, READY } photo_state;
 
@@ -127,7 +129,9 @@ static void decode(sgsi_photo_cache *cache, entry *e)
     ++cache->counts.decoding;
     pthread_mutex_unlock(&cache->lock);
     sgs_photo photo;
+    const sgsi_float_mode mode = sgsi_float_mode_enter(); // of any caller and of the thread
     const sgs_status status = sgsi_photo_load(&e->source, &photo, &report);
+    sgsi_float_mode_set(mode);
     char *error = status ? sgsi_strdup(sgs_last_error()) : NULL;
     pthread_mutex_lock(&cache->lock);
     sgsi_free(e->error);
@@ -189,7 +193,7 @@ sgs_status sgsi_photo_cache_create(const sgsi_photo_source *sources, const size_
     pthread_cond_init(&made->changed, NULL);
     // One thread is enough: the system may limit their number.
     while (made->decoders < decoders &&
-           !pthread_create(&made->threads[made->decoders], NULL, decode_ahead, made))
+           sgsi_thread_create(&made->threads[made->decoders], decode_ahead, made))
         ++made->decoders;
     if (made->decoders)
         return SGS_STATUS_OK;

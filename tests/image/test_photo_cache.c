@@ -15,7 +15,10 @@
 #include <cmocka.h>
 
 #include "scene/scene_store.h"
+#include "support/rest.h"
 #include "support/scene_support.h"
+#include "support/task_support.h"
+#include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "train/trainer_state.h"
 
@@ -93,6 +96,24 @@ static void cache_of_a_quarter_returns_the_same_photos(void **state)
 }
 
 // Limit below the size of one photo: all can still be read, with or without prefetch.
+// A handler of the program runs on a thread of the program, also if that blocks the signal later.
+static void the_decoding_thread_blocks_signals(void **state)
+{
+    (void)state;
+    // Libraries of OpenImageIO have threads of their own.
+    const int before = task_count(0), usr1 = task_count(SIGUSR1), fault = task_count(SIGSEGV);
+    sgs_threads_set(1);
+    sgs_scene *scene = load_room(100000);
+    sgs_threads_set(0);
+    assert_non_null(scene->store);
+    assert_int_equal(task_count(0), before + 1);
+    rest(0.1); // a new thread blocks all signals until it has its mask
+    assert_int_equal(task_count(SIGUSR1), usr1 + 1);
+    assert_int_equal(task_count(SIGSEGV), fault);
+    sgs_scene_destroy(scene);
+    assert_int_equal(task_count(0), before);
+}
+
 static void cache_smaller_than_one_photo_works(void **state)
 {
     (void)state;
@@ -361,6 +382,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cache_of_a_quarter_returns_the_same_photos),
+        cmocka_unit_test(the_decoding_thread_blocks_signals),
         cmocka_unit_test(cache_smaller_than_one_photo_works),
         cmocka_unit_test(few_photos_are_decoded_in_each_pass),
         cmocka_unit_test(a_training_decodes_few_photos),

@@ -59,9 +59,12 @@ static bool acquire_device(void)
 {
     pthread_mutex_lock(&device_lock);
     if (!device_users) {
-        char config[64]; // our threads join the builds, see commit()
-        snprintf(config, sizeof config, "threads=%d,user_threads=%d", sgsi_threads(),
-                 sgsi_threads());
+        // Our threads join the builds, see commit(): all slots are for them, none for workers of
+        // TBB. The number limits every TBB loop of the process, the caller's, too, so it is never
+        // less than TBB's own default.
+        const int cores = sgsi_affine_cores(), own = sgsi_threads(), n = own > cores ? own : cores;
+        char config[64];
+        snprintf(config, sizeof config, "threads=%d,user_threads=%d", n, n);
         device = rtcNewDevice(config);
         if (device) {
             rtcSetDeviceMemoryMonitorFunction(device, count_bytes, NULL);

@@ -234,7 +234,9 @@ sgs_status sgsi_bvh_cost_measure(const sgsi_bounds *built, const sgsi_bounds *bo
         visits->nodes = visits->boxes = visits->primitives = 0;
     size_t listed;
     struct RTCBuildPrimitive *primitives = list_primitives(built, count, &listed);
-    char config[32]; // rtcBuildBVH cannot be joined: it runs on Embree's own threads
+    // rtcBuildBVH cannot be joined: it runs on Embree's own threads, as many as ours unless another
+    // device allows more.
+    char config[32];
     snprintf(config, sizeof config, "threads=%d", sgsi_threads());
     RTCDevice device = rtcNewDevice(config);
     if (!device) {

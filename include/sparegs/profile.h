@@ -96,8 +96,10 @@ typedef struct sgs_profile {
 // repetitions; times are the best of the repetitions. The aged tree is built with the means
 // displaced by a normal deviate of `step` * sqrt(`refits`) per axis (a random walk of `refits`
 // steps) and then refitted to the model. Refits keep the topology, so one refit gives the same tree
-// as many. Fails with INVALID_ARGUMENT (options), FORMAT (sgs_camera_validate), UNSUPPORTED (a lens
-// without rays, filter_3d, compact_box), OUT_OF_MEMORY or INTERNAL (Embree); *profile is then NULL.
+// as many. Embree computes the costs on threads of its own, as many as sgs_threads_get, or as many
+// as the CPU has cores while the program has a renderer or a trainer. Fails with INVALID_ARGUMENT
+// (options, sgs_camera_validate, sgs_pose_validate), UNSUPPORTED (a lens without rays, filter_3d,
+// compact_box), OUT_OF_MEMORY or INTERNAL (Embree); *profile is then NULL.
 SGS_API sgs_status sgs_profile_view(const sgs_gaussians *model, const sgs_camera *camera,
                                     const sgs_pose *pose, const sgs_profile_options *options,
                                     sgs_profile **profile);

@@ -35,8 +35,8 @@ int sgs_threads_get(void)
     return sgsi_threads();
 }
 
-// Processors in the affinity mask, for any size of machine; 0 when it is not available.
-static int affine_cores(void)
+// For any size of machine.
+int sgsi_affine_cores(void)
 {
     for (int most = 1024; most <= 1 << 20; most *= 4) {
         cpu_set_t *mask = CPU_ALLOC((size_t)most);
@@ -53,7 +53,7 @@ static int affine_cores(void)
 
 int sgs_cores(void)
 {
-    int cores = affine_cores();
+    int cores = sgsi_affine_cores();
     if (cores < 1)
         cores = (int)sysconf(_SC_NPROCESSORS_ONLN);
     const double allowed = sgsi_group_limits_own().cores;

@@ -13,6 +13,9 @@ enum { SGSI_THREADS_MAX = 4096 };
 void sgsi_threads_set(int count);
 int sgsi_threads(void);
 
+// Processors in the affinity mask of the calling thread; 0 when it is not available.
+int sgsi_affine_cores(void);
+
 // Runs body(context, item, thread) once for every item in [0, count), in any order; `thread` is in
 // [0, sgsi_threads()). Items are scheduled in chunks of `chunk` (0 counts as 1). Returns when all
 // are done. A nested call runs its items in sequence on the calling thread, with `thread` 0.

@@ -97,6 +97,25 @@ static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_pro
     return status;
 }
 
+// The boxes of the view, and those that the refitted and the aged tree are built over, in one array.
+// NULL without memory.
+static sgsi_bounds *copy_boxes(const profile_job *job, sgsi_tracer *tracer, sgs_status *status)
+{
+    const size_t count = job->model->count;
+    const sgs_gaussians *const models[3] = {job->model, job->model, job->young};
+    const sgsi_view *const views[3] = {&job->view, &job->built_for, &job->built_for};
+    sgsi_bounds *boxes = sgsi_alloc(count ? count : 1, 3 * sizeof *boxes);
+    *status = boxes ? SGS_STATUS_OK
+                    : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                "not enough memory for the boxes of %zu primitives", count);
+    for (size_t m = 0; m < 3 && !*status; ++m) {
+        *status = sgsi_tracer_project(tracer, models[m], views[m], NULL, NULL);
+        if (!*status && count)
+            memcpy(boxes + m * count, sgsi_tracer_bounds(tracer), count * sizeof *boxes);
+    }
+    return boxes;
+}
+
 static sgs_status measure_cost(const profile_job *job, sgs_profile_kind kind,
                                const sgsi_bounds *built, const sgsi_bounds *now,
                                sgsi_bvh_visits *visits)
@@ -117,35 +136,24 @@ static sgs_status measure_cost(const profile_job *job, sgs_profile_kind kind,
     return status;
 }
 
-// Shape, cost and visits of all kinds of tree. Afterwards the tracer's tree does not match its
-// bounds.
-static sgs_status measure_costs(const profile_job *job, sgsi_tracer *tracer)
+// Shape, cost and visits of all kinds of tree. No tracer exists: its Embree device would let the
+// builder of this one run on all cores.
+static sgs_status measure_costs(const profile_job *job, const sgsi_bounds *boxes)
 {
-    const size_t count = job->model->count;
     const sgsi_rays *rays = job->rays;
-    const size_t macrotiles = (size_t)rays->macrotiles_x * (size_t)rays->macrotiles_y;
-    sgsi_bounds *now = sgsi_alloc(count ? count : 1, sizeof *now);
+    const size_t count = job->model->count,
+                 macrotiles = (size_t)rays->macrotiles_x * (size_t)rays->macrotiles_y;
     sgsi_packet *packets = sgsi_alloc(macrotiles, sizeof *packets);
-    sgs_status status = now && packets
-                            ? SGS_STATUS_OK
-                            : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                        "not enough memory for the boxes of %zu primitives", count);
-    if (!status) {
-        memcpy(now, sgsi_tracer_bounds(tracer), count * sizeof *now);
-        for (size_t m = 0; m < macrotiles; ++m)
-            packets[m] = sgsi_macrotile_packet(&job->view, (int)m, INFINITY);
-    }
+    if (!packets)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu packets", macrotiles);
+    for (size_t m = 0; m < macrotiles; ++m)
+        packets[m] = sgsi_macrotile_packet(&job->view, (int)m, INFINITY);
     sgsi_bvh_visits visits = {.packets = packets, .count = macrotiles};
-    for (int k = 0; !status && k < SGS_PROFILE_REFIT; ++k)
-        status = measure_cost(job, (sgs_profile_kind)k, now, now, &visits);
-    for (int k = SGS_PROFILE_REFIT; !status && k < SGS_PROFILE_KIND_COUNT; ++k) {
-        const sgs_gaussians *built = k == SGS_PROFILE_AGED ? job->young : job->model;
-        status = sgsi_tracer_project(tracer, built, &job->built_for, NULL, NULL);
-        if (!status)
-            status =
-                measure_cost(job, (sgs_profile_kind)k, sgsi_tracer_bounds(tracer), now, &visits);
+    sgs_status status = SGS_STATUS_OK;
+    for (int k = 0; !status && k < SGS_PROFILE_KIND_COUNT; ++k) {
+        const size_t built = k == SGS_PROFILE_AGED ? 2 : k == SGS_PROFILE_REFIT;
+        status = measure_cost(job, (sgs_profile_kind)k, boxes + built * count, boxes, &visits);
     }
-    sgsi_free(now);
     sgsi_free(packets);
     return status;
 }
@@ -304,11 +312,11 @@ static sgs_status measure_kinds(profile_job *job)
         out->noise = fmax(
             out->noise, isfinite(job->second[k]) ? job->second[k] / out->trees[k].gather - 1 : 0.1);
     }
-    if (!status)
-        status = sgsi_tracer_project(tracer, job->model, &job->view, NULL, NULL);
-    if (!status)
-        status = measure_costs(job, tracer);
+    sgsi_bounds *boxes = status ? NULL : copy_boxes(job, tracer, &status);
     sgsi_tracer_destroy(tracer);
+    if (!status)
+        status = measure_costs(job, boxes);
+    sgsi_free(boxes);
     return status;
 }
 

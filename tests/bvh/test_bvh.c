@@ -21,6 +21,7 @@
 #include "sparegs/render.h"
 #include "base/core.h"
 #include "base/threads.h"
+#include "support/task_support.h"
 
 static const char *const quality_names[] = {"low", "medium", "high", "refit"};
 
@@ -462,8 +463,11 @@ int __wrap_rtcGetDeviceError(void *device);
 void *__wrap_rtcNewScene(void *device);
 void *__wrap_rtcNewGeometry(void *device, int type);
 
+static char device_config[64];
+
 void *__wrap_rtcNewDevice(const char *config)
 {
+    snprintf(device_config, sizeof device_config, "%s", config);
     return device_fails ? NULL : __real_rtcNewDevice(config);
 }
 
@@ -507,6 +511,30 @@ static void a_missing_device_reports_the_reason(void **state)
     device_fails = false;
     assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OK);
     sgsi_bvh_destroy(bvh);
+}
+
+// TBB's threads are those of the whole process, and a host program may use them, too.
+static void a_device_limits_no_other_user_of_tbb(void **state)
+{
+    (void)state;
+    const int before = task_count(0), cores = sgsi_affine_cores();
+    assert_true(cores > 0);
+    for (int threads = 1; threads <= cores + 3; ++threads) {
+        int allowed, joined;
+        sgsi_bvh *bvh;
+        sgsi_bounds *boxes = make_boxes(20000, 3);
+        sgsi_threads_set(threads);
+        assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OK);
+        assert_int_equal(sscanf(device_config, "threads=%d,user_threads=%d", &allowed, &joined), 2);
+        assert_int_equal(allowed, threads > cores ? threads : cores);
+        assert_int_equal(joined, allowed); // no slot is left for a worker of TBB
+        for (int k = 0; k < SGSI_BVH_QUALITY_COUNT; ++k)
+            assert_int_equal(sgsi_bvh_build(bvh, boxes, 20000, (sgsi_bvh_quality)k), SGS_STATUS_OK);
+        assert_int_equal(task_count(0), before + threads - 1);
+        sgsi_bvh_destroy(bvh);
+        sgsi_free(boxes);
+    }
+    sgsi_threads_set(0);
 }
 
 // Embree stores no error here.
@@ -622,6 +650,7 @@ static void memory_use_is_counted(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_device_limits_no_other_user_of_tbb), // first: there is no team yet
         cmocka_unit_test(every_crossed_box_is_gathered_at_every_quality),
         cmocka_unit_test(refitted_trees_gather_every_crossed_box),
         cmocka_unit_test(small_trees_are_complete),

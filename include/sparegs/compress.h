@@ -105,8 +105,9 @@ SGS_API const char *sgs_compress_method_name(sgs_compress_method method);
 SGS_API const char *sgs_compress_preset_option(sgs_compress_method method);
 
 // Compresses a model to `path`, atomically: on failure an existing file is unchanged. info may be
-// NULL. Fails with INVALID_ARGUMENT (options out of range, a missing scene, an empty model),
-// UNSUPPORTED (SGS_COMPRESS_FCGS), OUT_OF_MEMORY, IO or CANCELLED.
+// NULL. Fails with INVALID_ARGUMENT (options out of range, a missing scene, a model that is empty
+// or whose sh_degree is not within 0..3), UNSUPPORTED (SGS_COMPRESS_FCGS), OUT_OF_MEMORY, IO or
+// CANCELLED.
 SGS_API sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *options,
                                 const char *path, sgs_compress_info *info);
 

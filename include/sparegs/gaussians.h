@@ -119,7 +119,8 @@ SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned
 SGS_API sgs_status sgs_ply_read(const char *path, sgs_gaussians **model);
 
 // Writes the little-endian PLY of 3DGS with 62 properties (fewer f_rest for a lower sh_degree),
-// atomically: on failure (IO, OUT_OF_MEMORY) an existing file is unchanged.
+// atomically: on failure (INVALID_ARGUMENT for sh_degree, IO, OUT_OF_MEMORY) an existing file is
+// unchanged.
 SGS_API sgs_status sgs_ply_write(const char *path, const sgs_gaussians *model);
 
 // The same with an additional last property filter_3D: filter_3d[count], Mip-Splatting's f3 in

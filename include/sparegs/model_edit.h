@@ -51,7 +51,7 @@ typedef enum sgs_comparison {
 
 // Primitives whose property compares as requested. property: a name of the PLY. opacity, scale_N
 // and f_dc_N are activated (opacity 0 to 1, world units, colour); with the suffix _raw they are as
-// stored. Fails with INVALID_ARGUMENT (unknown property).
+// stored. Fails with INVALID_ARGUMENT (unknown property, sh_degree).
 SGS_API sgs_status sgs_select_value(const sgs_gaussians *model, const char *property,
                                     sgs_comparison comparison, double value, unsigned char *keep);
 

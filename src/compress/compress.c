@@ -12,6 +12,7 @@
 #include "compress/compress_method.h"
 #include "formats/color_marks.h"
 #include "formats/model_rows.h"
+#include "model/sh_degree.h"
 
 // In the order of sgs_compress_method.
 static const sgsi_compress_method *const methods[] = {
@@ -195,6 +196,8 @@ sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *
         status = find_method(own.method, &method);
     if (!status && !model->count)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the model has no primitives");
+    if (!status)
+        status = sgsi_sh_degree_check(model, path);
     if (status)
         return status;
     if (method->defaults)

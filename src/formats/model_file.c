@@ -17,6 +17,7 @@
 #include "formats/model_format.h"
 #include "formats/model_rows.h"
 #include "formats/sog.h"
+#include "model/sh_degree.h"
 
 enum { PROBE_BYTES = 8192 };
 
@@ -337,8 +338,9 @@ static sgs_status check_write_options(const char *path, const sgs_model_write_op
 // and many viewers the whole file.
 static sgs_status check_model(const char *path, sgs_model_format format, const sgs_gaussians *model)
 {
-    if (format == SGS_MODEL_PLY)
-        return SGS_STATUS_OK;
+    const sgs_status status = sgsi_sh_degree_check(model, path);
+    if (status || format == SGS_MODEL_PLY)
+        return status;
     if (!model->count && format != SGS_MODEL_COMPRESSED_PLY)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a file of this format cannot be empty",
                          path);

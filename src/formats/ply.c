@@ -26,6 +26,7 @@
 #include "formats/ply_header.h"
 #include "formats/ply_parts.h"
 #include "model/filter_3d.h"
+#include "model/sh_degree.h"
 #include "sparegs/output_file.h"
 
 enum {
@@ -535,10 +536,9 @@ static sgs_status begin_model(const char *path, const sgs_gaussians *model, size
                               const sgsi_ply_contents *contents, row_writer *writer,
                               sgs_output_file *file)
 {
-    if (model->sh_degree < 0 || model->sh_degree > 3)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: SH degree %d is not within 0 to 3", path,
-                         model->sh_degree);
-    const sgs_status status = sgs_output_file_open(file, path);
+    sgs_status status = sgsi_sh_degree_check(model, path);
+    if (!status)
+        status = sgs_output_file_open(file, path);
     if (status)
         return status;
     *writer = (row_writer){.model = model, .count = model->count};

@@ -14,6 +14,7 @@
 #include "base/sh.h"
 #include "base/threads.h"
 #include "model/knn.h"
+#include "model/sh_degree.h"
 #include "model/similarity.h"
 
 enum { VOXEL_BITS = 20, VOXELS_PER_SIDE = 1 << VOXEL_BITS, NEIGHBORS = 13 };
@@ -210,6 +211,9 @@ sgs_status sgs_select_value(const sgs_gaussians *model, const char *property,
                             sgs_comparison comparison, double value, unsigned char *keep)
 {
     activation how;
+    const sgs_status status = sgsi_sh_degree_check(model, NULL);
+    if (status)
+        return status;
     const int param = find_property(property, model->sh_degree, &how);
     if (param < 0)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,

@@ -365,6 +365,15 @@ static void invalid_options_are_refused(void **state)
     *sgs_gaussians_at(model, 7, SGS_PARAM_MEAN) = NAN;
     assert_int_equal(sgs_compress(model, &options, "none", NULL), SGS_STATUS_INVALID_ARGUMENT);
     assert_non_null(strstr(sgs_last_error(), "primitive 7"));
+    *sgs_gaussians_at(model, 7, SGS_PARAM_MEAN) = 0;
+    for (int method = 0; method < SGS_COMPRESS_FCGS; ++method)
+        for (int degree = -1; degree <= 4; degree += 5) {
+            options.method = (sgs_compress_method)method;
+            model->sh_degree = degree;
+            assert_int_equal(sgs_compress(model, &options, "none", NULL),
+                             SGS_STATUS_INVALID_ARGUMENT);
+            assert_non_null(strstr(sgs_last_error(), "none: SH degree"));
+        }
     assert_int_equal(access("none", F_OK), -1);
     sgs_gaussians_destroy(model);
     sgs_gaussians_destroy(empty);

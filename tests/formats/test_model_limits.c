@@ -484,6 +484,31 @@ static void refused_writes_name_the_file(void **state)
 
 // ---- Ranges of the formats ----
 
+// The degree is a field that the caller sets; the writers would size their rows by it.
+static void models_of_unknown_degree_are_not_written(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"m.ply",  "m.spz",         "m.sog",    "m.ksplat",
+                                        "m.glb",  "m.splat",       "m.usda",   "m.compressed.ply",
+                                        "m.html", "lod-meta.json", "meta.json"};
+    static const int degrees[] = {-1000, -1, 4, 1000};
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = model_random(300, 3);
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k)
+        for (size_t d = 0; d < sizeof degrees / sizeof *degrees; ++d) {
+            char expected[512];
+            const char *path = temp_path(&folder, names[k]);
+            snprintf(expected, sizeof expected,
+                     "%s: SH degree %d of the model is not within 0 to 3", path, degrees[d]);
+            model->sh_degree = degrees[d];
+            assert_int_equal(sgs_model_write(path, model, NULL, NULL), SGS_STATUS_INVALID_ARGUMENT);
+            assert_string_equal(sgs_last_error(), expected);
+        }
+    assert_int_equal(temp_folder_count(&folder), 0);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 static char range_warning[512];
 
 static void keep_warning(void *user, const char *message)
@@ -637,6 +662,7 @@ int main(void)
         cmocka_unit_test(long_manifests_take_linear_time),
         cmocka_unit_test(units_survive_lack_of_memory),
         cmocka_unit_test(refused_writes_name_the_file),
+        cmocka_unit_test(models_of_unknown_degree_are_not_written),
         cmocka_unit_test(far_coordinates_of_spz_are_refused),
         cmocka_unit_test(coarse_positions_of_spz_cause_a_warning),
         cmocka_unit_test(scales_beyond_the_format_cause_a_warning),

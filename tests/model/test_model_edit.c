@@ -263,6 +263,15 @@ static void values_are_compared_as_named(void **state)
                          SGS_STATUS_INVALID_ARGUMENT);
         assert_true(keep[0] && keep[1] && keep[2]);
     }
+    static const int degrees[] = {-1, 4, 7};
+    for (size_t k = 0; k < sizeof degrees / sizeof *degrees; ++k) {
+        unsigned char keep[3] = {1, 1, 1};
+        model->sh_degree = degrees[k];
+        assert_int_equal(sgs_select_value(model, "f_rest_50", SGS_LESS, 0, keep),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(sgs_last_error(), "is not within 0 to 3"));
+        assert_true(keep[0] && keep[1] && keep[2]);
+    }
     sgs_gaussians_destroy(model);
 }
 

@@ -100,7 +100,7 @@ SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 
 // Initial model of 3DGS for a point cloud (Kerbl et al. 2023, section 5.1): scale = RMS distance to
 // the 3 nearest other points (exact), opacity 0.1, identity rotation, SH band 0 from the colour.
-// points: [n][3], world; colors: [n][3], 8-bit.
+// points: [n][3], world; colors: [n][3], 8-bit, or NULL for grey.
 //
 // fallback_scale: a hundredth of the scene's extent, world units. A single point has this scale.
 // The squared distance is at least 1e-7, times the square of the extent if that is below 1. The

@@ -230,7 +230,8 @@ static void init_range(void *context, size_t begin, size_t end, int thread)
             params[SGS_PARAM_MEAN + k] = loop->points[3 * i + (size_t)k];
             params[SGS_PARAM_SCALE + k] = (float)(0.5 * log(squared)) + loop->log_factor;
             params[SGS_PARAM_SH_DC + k] =
-                (float)((loop->colors[3 * i + (size_t)k] / 255.0 - 0.5) / SGSI_SH_C0);
+                (float)(((loop->colors ? loop->colors[3 * i + (size_t)k] : 128) / 255.0 - 0.5) /
+                        SGSI_SH_C0);
         }
         params[SGS_PARAM_ROTATION] = 1.0f;
         params[SGS_PARAM_OPACITY] = loop->logit;

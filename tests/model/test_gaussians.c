@@ -173,6 +173,23 @@ static void init_follows_3dgs(void **state)
     sgs_gaussians_destroy(model);
 }
 
+static void init_without_colours_is_grey(void **state)
+{
+    (void)state;
+    const float points[] = {0, 0, 0, 1, 0, 0};
+    unsigned char grey[6];
+    memset(grey, 128, sizeof grey);
+    sgs_gaussians *model, *expected;
+    assert_int_equal(sgs_gaussians_init_points(points, NULL, 2, 0.0, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_init_points(points, grey, 2, 0.0, &expected), SGS_STATUS_OK);
+    char hex[2][17];
+    sgs_gaussians_hash(model, hex[0]);
+    sgs_gaussians_hash(expected, hex[1]);
+    assert_string_equal(hex[0], hex[1]);
+    sgs_gaussians_destroy(model);
+    sgs_gaussians_destroy(expected);
+}
+
 static void init_leaves_missing_neighbours_out(void **state)
 {
     (void)state;
@@ -355,6 +372,7 @@ int main(void)
         cmocka_unit_test(gaussians_keep_rows_and_inert_tail_through_resizes),
         cmocka_unit_test(gaussians_survive_lack_of_memory),
         cmocka_unit_test(init_follows_3dgs),
+        cmocka_unit_test(init_without_colours_is_grey),
         cmocka_unit_test(init_leaves_missing_neighbours_out),
         cmocka_unit_test(init_clamps_duplicates),
         cmocka_unit_test(init_refuses_what_is_not_finite),

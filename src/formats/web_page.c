@@ -14,7 +14,7 @@
 #include "formats/sog.h"
 #include "sparegs/output_file.h"
 
-extern const char web_page[]; // generated from web_page.html, .css and .js
+extern const char sgsi_web_page[]; // generated from web_page.html, .css and .js
 
 enum { BASE64_BLOCK = 3 * 4096, MOST_CAMERAS = 1000 };
 
@@ -96,9 +96,9 @@ static bool write_value(FILE *stream, const char *key, json_t *value)
 static bool write_page(FILE *stream, const char *name, const sgs_model_write_options *options,
                        const sgsi_archive_file *files, size_t file_count)
 {
-    const char *middle = strstr(web_page, placeholder);
+    const char *middle = strstr(sgsi_web_page, placeholder);
     const sgsi_archive_file *meta = &files[file_count - 1];
-    fwrite(web_page, 1, (size_t)(middle - web_page), stream);
+    fwrite(sgsi_web_page, 1, (size_t)(middle - sgsi_web_page), stream);
     fputs("{", stream);
     json_t *title = json_string(name); // NULL if it is not UTF-8
     const bool done =

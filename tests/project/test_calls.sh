@@ -3,6 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # calls_have_no_circle: the object files of src/, bvh/ and spare/ call each other without a circle.
+# global_symbols_have_a_prefix: every global C symbol of the static library has one of its prefixes.
 set -euo pipefail
 library=$SPAREGS_BUILD/libsparegs.a
 if [ ! -e "$library" ]; then
@@ -22,3 +23,12 @@ if ! tsort "$edges" >/dev/null 2>"$edges.loops"; then
     exit 1
 fi
 echo "no circle in $(wc -l <"$edges") calls between files"
+
+# C++ names are mangled (_Z); names that begin with two underscores, and DW.ref, are the compiler's.
+nm -g --defined-only "$library" | awk 'NF == 3 { print $3 }' | sort -u >"$edges"
+[ "$(wc -l <"$edges")" -gt 500 ] || { echo "FAIL: only $(wc -l <"$edges") global symbols were seen"; exit 1; }
+if foreign=$(grep -Ev '^(sgs_|sgsi_|spare_|_Z|__|DW\.ref\.)' "$edges"); then
+    echo "FAIL: global symbols without the prefix sgs_, sgsi_ or spare_, which a program may have, too:" $foreign
+    exit 1
+fi
+echo "all of $(wc -l <"$edges") global symbols have a prefix"

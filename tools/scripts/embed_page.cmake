@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# NAME.html of FOLDER with NAME.css and the scripts of FOLDER in place of their comments, as the C string NAME in OUT.
+# NAME.html of FOLDER with NAME.css and the scripts of FOLDER in place of their comments, as the C string SYMBOL in OUT.
 # Scripts are inserted in alphabetical order.
 file(READ "${FOLDER}/${NAME}.html" page)
 file(READ "${FOLDER}/${NAME}.css" style)
@@ -17,4 +17,4 @@ string(REPLACE "<!-- script -->" "${script}" page "${page}")
 file(WRITE "${OUT}.html" "${page}")
 file(READ "${OUT}.html" text HEX)
 string(REGEX REPLACE "([0-9a-f][0-9a-f])" "0x\\1," bytes "${text}")
-file(WRITE "${OUT}" "extern const char ${NAME}[];\nconst char ${NAME}[] = {${bytes}0};\n")
+file(WRITE "${OUT}" "extern const char ${SYMBOL}[];\nconst char ${SYMBOL}[] = {${bytes}0};\n")

@@ -30,8 +30,14 @@ typedef struct sgs_block_options {
     void *progress_user;
 } sgs_block_options;
 
-// Cannot fail.
-SGS_API sgs_block_options sgs_block_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_block_options_init(sgs_block_options *options, size_t size);
+static inline sgs_block_options sgs_block_options_default(void)
+{
+    sgs_block_options options;
+    sgs_block_options_init(&options, sizeof options);
+    return options;
+}
 
 typedef struct sgs_block {
     sgs_box box;       // the boxes of all blocks fill space without overlap

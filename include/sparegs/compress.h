@@ -85,8 +85,14 @@ typedef struct sgs_compress_options {
     void *progress_user;
 } sgs_compress_options;
 
-// Cannot fail.
-SGS_API sgs_compress_options sgs_compress_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_compress_options_init(sgs_compress_options *options, size_t size);
+static inline sgs_compress_options sgs_compress_options_default(void)
+{
+    sgs_compress_options options;
+    sgs_compress_options_init(&options, sizeof options);
+    return options;
+}
 
 typedef struct sgs_compress_info {
     sgs_compress_method method;

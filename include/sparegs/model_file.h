@@ -75,8 +75,14 @@ typedef struct sgs_model_read_options {
     bool drop_unrotated;   // drop primitives with a zero quaternion instead of using the identity
 } sgs_model_read_options;
 
-// Cannot fail.
-SGS_API sgs_model_read_options sgs_model_read_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_model_read_options_init(sgs_model_read_options *options, size_t size);
+static inline sgs_model_read_options sgs_model_read_options_default(void)
+{
+    sgs_model_read_options options;
+    sgs_model_read_options_init(&options, sizeof options);
+    return options;
+}
 
 typedef struct sgs_model_info {
     sgs_model_format format;
@@ -135,8 +141,15 @@ typedef struct sgs_model_write_options {
     sgs_model_colors colors;
 } sgs_model_write_options;
 
-// Defaults: SPZ 3 with RUB axes, KSPLAT level 1, 10 iterations, 4 levels. Cannot fail.
-SGS_API sgs_model_write_options sgs_model_write_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h: SPZ 3 with RUB axes, KSPLAT level
+// 1, 10 iterations, 4 levels. Cannot fail.
+SGS_API void sgs_model_write_options_init(sgs_model_write_options *options, size_t size);
+static inline sgs_model_write_options sgs_model_write_options_default(void)
+{
+    sgs_model_write_options options;
+    sgs_model_write_options_init(&options, sizeof options);
+    return options;
+}
 
 typedef enum sgs_row_order {
     SGS_ROWS_KEPT,

@@ -45,8 +45,14 @@ typedef struct sgs_profile_options {
     const sgs_pose *built_for;
 } sgs_profile_options;
 
-// Cannot fail.
-SGS_API sgs_profile_options sgs_profile_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_profile_options_init(sgs_profile_options *options, size_t size);
+static inline sgs_profile_options sgs_profile_options_default(void)
+{
+    sgs_profile_options options;
+    sgs_profile_options_init(&options, sizeof options);
+    return options;
+}
 
 typedef struct sgs_profile_tree {
     double build, refit; // wall-clock seconds; refit is 0 for kinds that are rebuilt

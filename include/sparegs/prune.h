@@ -23,15 +23,22 @@ extern "C" {
 
 // What to trace: the training views of a scene.
 typedef struct sgs_view_pass_options {
-    size_t struct_size;        // set by sgs_view_pass_options_default()
-    sgs_render_options render; // of the views; `differentiable` and `progress` are ignored
-    int downscale;             // divisor of width and height, which are rounded up; 1..1024; 1
-    sgs_progress_fn progress;  // called after every view, or NULL
+    size_t struct_size; // set by sgs_view_pass_options_default()
+    // Of the views; `differentiable` and `progress` are ignored. NULL = the defaults.
+    const sgs_render_options *render;
+    int downscale;            // divisor of width and height, which are rounded up; 1..1024; 1
+    sgs_progress_fn progress; // called after every view, or NULL
     void *progress_user;
 } sgs_view_pass_options;
 
-// Cannot fail.
-SGS_API sgs_view_pass_options sgs_view_pass_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_view_pass_options_init(sgs_view_pass_options *options, size_t size);
+static inline sgs_view_pass_options sgs_view_pass_options_default(void)
+{
+    sgs_view_pass_options options;
+    sgs_view_pass_options_init(&options, sizeof options);
+    return options;
+}
 
 // What a primitive contributes to views: sums over the counted hits of all rays, T the
 // transmittance in front of the hit, o the opacity as traced (with the pixel filter's factor).
@@ -83,20 +90,26 @@ typedef enum sgs_prune_method {
 typedef struct sgs_prune_options {
     size_t struct_size; // set by sgs_prune_options_default()
     sgs_prune_method method;
-    const sgs_scene *scene;      // LightGaussian, PUP: its training views
-    sgs_view_pass_options views; // LightGaussian, PUP
-    const double (*cameras)[3];  // REFINE: [camera_count] camera centres, world
-    size_t camera_count;         // REFINE: > 0; of more than 64 a fixed random subset is used
-    double volume_power;         // LightGaussian: exponent of the volume, 0..10; 0.1
-    int fisher_downscale;        // PUP: replaces views.downscale; 1..1024; 4
-    float background[3];         // PUP: of the views, in the space of the model; finite; black
-    const sgs_rap_network *rap;  // RAP
-    sgs_progress_fn progress;    // RAP: called during the computation of the features, or NULL
+    const sgs_scene *scene;             // LightGaussian, PUP: its training views
+    const sgs_view_pass_options *views; // LightGaussian, PUP; NULL = the defaults
+    const double (*cameras)[3];         // REFINE: [camera_count] camera centres, world
+    size_t camera_count;        // REFINE: > 0; of more than 64 a fixed random subset is used
+    double volume_power;        // LightGaussian: exponent of the volume, 0..10; 0.1
+    int fisher_downscale;       // PUP: replaces views->downscale; 1..1024; 4
+    float background[3];        // PUP: of the views, in the space of the model; finite; black
+    const sgs_rap_network *rap; // RAP
+    sgs_progress_fn progress;   // RAP: called during the computation of the features, or NULL
     void *progress_user;
 } sgs_prune_options;
 
-// Cannot fail.
-SGS_API sgs_prune_options sgs_prune_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_prune_options_init(sgs_prune_options *options, size_t size);
+static inline sgs_prune_options sgs_prune_options_default(void)
+{
+    sgs_prune_options options;
+    sgs_prune_options_init(&options, sizeof options);
+    return options;
+}
 
 // Scores: [model->count], higher is more important; overwritten, finite. Fails with
 // INVALID_ARGUMENT (options, missing inputs), as sgs_contributions, or with OUT_OF_MEMORY or

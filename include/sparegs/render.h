@@ -63,8 +63,14 @@ typedef struct sgs_render_options {
 // for extents below 1. Cannot fail.
 SGS_API double sgs_near_distance(double extent);
 
-// Cannot fail.
-SGS_API sgs_render_options sgs_render_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_render_options_init(sgs_render_options *options, size_t size);
+static inline sgs_render_options sgs_render_options_default(void)
+{
+    sgs_render_options options;
+    sgs_render_options_init(&options, sizeof options);
+    return options;
+}
 
 // Planes that sgs_frame_create_with allocates besides colour and transmittance (AOVs).
 enum {
@@ -179,8 +185,14 @@ typedef struct sgs_deep_options {
     int max_samples; // per pixel, 1..256; the tolerance of a pixel with more grows; default 32
 } sgs_deep_options;
 
-// Cannot fail.
-SGS_API sgs_deep_options sgs_deep_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_deep_options_init(sgs_deep_options *options, size_t size);
+static inline sgs_deep_options sgs_deep_options_default(void)
+{
+    sgs_deep_options options;
+    sgs_deep_options_init(&options, sizeof options);
+    return options;
+}
 
 // Receives the rows [y, y + rows) of a deep image, from top to bottom. counts: [rows][width]
 // samples per pixel; samples: of all these pixels, consecutively. Both are valid during the call.

@@ -115,8 +115,15 @@ typedef struct sgs_scene_options {
     bool headers_only;
 } sgs_scene_options;
 
-// All zero, except struct_size and load_images (true).
-SGS_API sgs_scene_options sgs_scene_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h: all zero, except struct_size and
+// load_images (true). Cannot fail.
+SGS_API void sgs_scene_options_init(sgs_scene_options *options, size_t size);
+static inline sgs_scene_options sgs_scene_options_default(void)
+{
+    sgs_scene_options options;
+    sgs_scene_options_init(&options, sizeof options);
+    return options;
+}
 
 typedef struct sgs_scene {
     sgs_scene_format format;

@@ -211,8 +211,14 @@ typedef struct sgs_train_options {
     void *progress_user;
 } sgs_train_options;
 
-// Cannot fail.
-SGS_API sgs_train_options sgs_train_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_train_options_init(sgs_train_options *options, size_t size);
+static inline sgs_train_options sgs_train_options_default(void)
+{
+    sgs_train_options options;
+    sgs_train_options_init(&options, sizeof options);
+    return options;
+}
 // Number of random points with which a run of the scene begins, before max_gaussians: random_points
 // or, if that is 0, 100 000 with SGS_SCHEDULE_PAPER and in the cube of NeRF synthetic scenes, else
 // 10 000. 0 if the scene has points, or with init. options NULL = the defaults; 0 for options of an
@@ -468,8 +474,14 @@ typedef struct sgs_finetune_options {
     void *progress_user;
 } sgs_finetune_options;
 
-// Cannot fail.
-SGS_API sgs_finetune_options sgs_finetune_options_default(void);
+// Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.
+SGS_API void sgs_finetune_options_init(sgs_finetune_options *options, size_t size);
+static inline sgs_finetune_options sgs_finetune_options_default(void)
+{
+    sgs_finetune_options options;
+    sgs_finetune_options_init(&options, sizeof options);
+    return options;
+}
 
 // Trains a copy of `model` on the training views of the scene, whose images are loaded. *tuned: as
 // many primitives, perhaps in another order, owned by the caller; Mip-Splatting's 3D filter is

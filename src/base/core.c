@@ -89,6 +89,16 @@ void sgs_warning_handler_set(sgs_warning_fn fn, void *user)
     warning_user = user;
 }
 
+void sgsi_options_init(void *options, size_t size, const void *defaults, size_t own_size)
+{
+    if (size < sizeof size)
+        return;
+    const size_t known = size < own_size ? size : own_size;
+    memcpy(options, defaults, known);
+    memset((char *)options + known, 0, size - known);
+    memcpy(options, &size, sizeof size);
+}
+
 sgs_status sgsi_options_read(const void *given, const char *type, void *options, size_t size)
 {
     if (!given)

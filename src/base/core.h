@@ -38,6 +38,11 @@ void sgsi_errors_resume(void);
 // Sends one warning line to the process-wide handler.
 void sgsi_warn(const char *format, ...) SGSI_PRINTF(1, 2);
 
+// Fills a caller's struct of `size` bytes, which begins with its struct_size, with the first bytes
+// of `defaults` (`own_size` bytes): the struct may be of an earlier version, which had fewer
+// fields, or of a later one, whose further fields become 0.
+void sgsi_options_init(void *options, size_t size, const void *defaults, size_t own_size);
+
 // Fills `options` (`size` bytes, holding the defaults) from a caller's struct of the same type,
 // which begins with its struct_size and may be shorter, as an earlier version declared it: fields
 // that it lacks keep their defaults. NULL means the defaults. Fails with INVALID_ARGUMENT, naming

@@ -25,12 +25,10 @@ static const sgsi_compress_method *const methods[] = {
 static const char *const names[] = {"lightgaussian", "sog", "mesongs", "ghap", "fcgs", "fcgs-like"};
 enum { METHOD_COUNT = sizeof methods / sizeof *methods, NAME_COUNT = sizeof names / sizeof *names };
 
-sgs_compress_options sgs_compress_options_default(void)
+void sgs_compress_options_init(sgs_compress_options *options, size_t size)
 {
-    return (sgs_compress_options){.struct_size = sizeof(sgs_compress_options),
-                                  .method = SGS_COMPRESS_SOG,
-                                  .preset = 1,
-                                  .finetune = -1};
+    const sgs_compress_options defaults = {.method = SGS_COMPRESS_SOG, .preset = 1, .finetune = -1};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 const char *sgs_compress_method_name(sgs_compress_method method)

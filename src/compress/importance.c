@@ -52,7 +52,7 @@ static bool pass_progress(void *user, size_t done, size_t total)
 static sgs_view_pass_options pass_options(const sgsi_compress_job *job)
 {
     sgs_view_pass_options options = sgs_view_pass_options_default();
-    options.render = job->render;
+    options.render = &job->render;
     options.progress = pass_progress;
     options.progress_user = (void *)job;
     return options;
@@ -70,7 +70,8 @@ sgs_status sgsi_significance(const sgsi_compress_job *job, double *importance)
     sgs_prune_options options = sgs_prune_options_default();
     options.method = SGS_PRUNE_LIGHTGAUSSIAN;
     options.scene = job->options->scene;
-    options.views = pass_options(job);
+    const sgs_view_pass_options views = pass_options(job);
+    options.views = &views;
     if (!status)
         status = sgs_prune_scores(model, &options, importance);
     sgs_gaussians_destroy(model);

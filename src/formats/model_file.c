@@ -237,18 +237,17 @@ bool sgs_model_format_detect(const char *path, sgs_model_format *format)
     return known;
 }
 
-sgs_model_read_options sgs_model_read_options_default(void)
+void sgs_model_read_options_init(sgs_model_read_options *options, size_t size)
 {
-    return (sgs_model_read_options){.struct_size = sizeof(sgs_model_read_options)};
+    const sgs_model_read_options defaults = {0};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
-sgs_model_write_options sgs_model_write_options_default(void)
+void sgs_model_write_options_init(sgs_model_write_options *options, size_t size)
 {
-    return (sgs_model_write_options){.struct_size = sizeof(sgs_model_write_options),
-                                     .spz_version = 3,
-                                     .ksplat_level = 1,
-                                     .palette_iterations = 10,
-                                     .lod_levels = 4};
+    const sgs_model_write_options defaults = {
+        .spz_version = 3, .ksplat_level = 1, .palette_iterations = 10, .lod_levels = 4};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 sgs_status sgs_model_read(const char *path, const sgs_model_read_options *options,

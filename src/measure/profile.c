@@ -28,10 +28,10 @@ const char *sgs_profile_kind_name(sgs_profile_kind kind)
     return (unsigned)kind < SGS_PROFILE_KIND_COUNT ? names[kind] : NULL;
 }
 
-sgs_profile_options sgs_profile_options_default(void)
+void sgs_profile_options_init(sgs_profile_options *options, size_t size)
 {
-    return (sgs_profile_options){
-        .struct_size = sizeof(sgs_profile_options), .refits = 100, .repeat = 3, .samples = 64};
+    const sgs_profile_options defaults = {.refits = 100, .repeat = 3, .samples = 64};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 static sgsi_bvh_quality quality_of(sgs_profile_kind kind)

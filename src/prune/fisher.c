@@ -269,15 +269,18 @@ double sgsi_fisher_log_det(const double sums[SGSI_FISHER_ENTRIES])
 sgs_status sgsi_pup_scores(const sgs_gaussians *model, const sgs_prune_options *options,
                            double *scores)
 {
+    sgs_view_pass_options views = sgs_view_pass_options_default();
+    sgs_status status =
+        sgsi_options_read(options->views, "sgs_view_pass_options", &views, sizeof views);
+    if (status)
+        return status;
+    views.downscale = options->fisher_downscale;
     double(*sums)[SGSI_FISHER_ENTRIES] = sgsi_alloc(model->count, sizeof *sums);
     if (!sums)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                          "not enough memory for the Fisher matrices of %zu primitives",
                          model->count);
-    sgs_view_pass_options views = options->views;
-    views.downscale = options->fisher_downscale;
-    const sgs_status status =
-        sgsi_fisher_sums(model, options->scene, &views, options->background, sums);
+    status = sgsi_fisher_sums(model, options->scene, &views, options->background, sums);
     for (size_t i = 0; i < model->count && !status; ++i)
         scores[i] = sgsi_fisher_log_det((const double *)sums[i]);
     sgsi_free(sums);

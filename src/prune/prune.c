@@ -19,12 +19,10 @@
 #include "base/core.h"
 #include "prune/scores.h"
 
-sgs_prune_options sgs_prune_options_default(void)
+void sgs_prune_options_init(sgs_prune_options *options, size_t size)
 {
-    return (sgs_prune_options){.struct_size = sizeof(sgs_prune_options),
-                               .views = sgs_view_pass_options_default(),
-                               .volume_power = 0.1,
-                               .fisher_downscale = 4};
+    const sgs_prune_options defaults = {.volume_power = 0.1, .fisher_downscale = 4};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 // ---- LightGaussian ----
@@ -64,7 +62,7 @@ sgs_status sgsi_lightgaussian_scores(const sgs_gaussians *model, const sgs_prune
     if (!sums)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                          "not enough memory for the scores of %zu primitives", model->count);
-    sgs_status status = sgs_contributions(model, options->scene, &options->views, sums);
+    sgs_status status = sgs_contributions(model, options->scene, options->views, sums);
     for (size_t i = 0; i < model->count && !status; ++i)
         scores[i] = sums[i].front;
     sgsi_free(sums);

@@ -22,11 +22,10 @@ typedef struct view_pass {
     bool built;
 } view_pass;
 
-sgs_view_pass_options sgs_view_pass_options_default(void)
+void sgs_view_pass_options_init(sgs_view_pass_options *options, size_t size)
 {
-    return (sgs_view_pass_options){.struct_size = sizeof(sgs_view_pass_options),
-                                   .render = sgs_render_options_default(),
-                                   .downscale = 1};
+    const sgs_view_pass_options defaults = {.downscale = 1};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 static void pass_free(view_pass *pass)
@@ -113,12 +112,17 @@ static sgs_status trace_view(view_pass *pass, const sgs_view *source, sgsi_trace
     return visit(context, &traced);
 }
 
-static sgs_status check_options(const sgs_view_pass_options *options)
+static sgs_status read_options(const sgs_view_pass_options *options, sgs_render_options *render)
 {
+    *render = sgs_render_options_default();
+    const sgs_status status =
+        sgsi_options_read(options->render, "sgs_render_options", render, sizeof *render);
+    if (status)
+        return status;
     if (options->downscale < 1 || options->downscale > 1024)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "downscale %d is not in [1, 1024]",
                          options->downscale);
-    return sgsi_render_options_check(&options->render);
+    return sgsi_render_options_check(render);
 }
 
 sgs_status sgsi_view_pass(const sgs_gaussians *model, const sgs_scene *scene,
@@ -126,7 +130,8 @@ sgs_status sgsi_view_pass(const sgs_gaussians *model, const sgs_scene *scene,
                           void *context)
 {
     size_t total = 0, done = 0;
-    sgs_status status = check_options(options);
+    view_pass pass = {.model = model, .downscale = options->downscale};
+    sgs_status status = read_options(options, &pass.render);
     for (size_t i = 0; i < scene->view_count; ++i)
         total += scene->views[i].split == SGS_SPLIT_TRAIN;
     if (!status && !total)
@@ -134,7 +139,6 @@ sgs_status sgsi_view_pass(const sgs_gaussians *model, const sgs_scene *scene,
                            scene->path ? scene->path : "scene");
     if (status)
         return status;
-    view_pass pass = {.model = model, .render = options->render, .downscale = options->downscale};
     status = pass_create(&pass);
     for (size_t i = 0; i < scene->view_count && !status; ++i) {
         if (scene->views[i].split != SGS_SPLIT_TRAIN)

@@ -48,13 +48,11 @@ double sgs_near_distance(double extent)
     return extent < 1.0 ? 0.2 * extent : 0.2;
 }
 
-sgs_render_options sgs_render_options_default(void)
+void sgs_render_options_init(sgs_render_options *options, size_t size)
 {
-    return (sgs_render_options){.struct_size = sizeof(sgs_render_options),
-                                .filter = SGS_FILTER_3DGS,
-                                .near_distance = 0.2,
-                                .sh_degree = 3,
-                                .compact_box = 1.0};
+    const sgs_render_options defaults = {
+        .filter = SGS_FILTER_3DGS, .near_distance = 0.2, .sh_degree = 3, .compact_box = 1.0};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 // ---- Frames ----

@@ -24,9 +24,10 @@
 #include "scene/scene_store.h"
 #include "scene/transforms.h"
 
-sgs_scene_options sgs_scene_options_default(void)
+void sgs_scene_options_init(sgs_scene_options *options, size_t size)
 {
-    return (sgs_scene_options){.struct_size = sizeof(sgs_scene_options), .load_images = true};
+    const sgs_scene_options defaults = {.load_images = true};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 void sgs_scene_destroy(sgs_scene *scene)

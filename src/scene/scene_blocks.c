@@ -30,10 +30,10 @@ typedef struct planner {
     sgsi_progress progress;
 } planner;
 
-sgs_block_options sgs_block_options_default(void)
+void sgs_block_options_init(sgs_block_options *options, size_t size)
 {
-    return (sgs_block_options){
-        .struct_size = sizeof(sgs_block_options), .count = 2, .margin = 0.2, .share = 0.1};
+    const sgs_block_options defaults = {.count = 2, .margin = 0.2, .share = 0.1};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 void sgs_blocks_free(sgs_blocks *blocks)

@@ -16,10 +16,10 @@
 
 #include "base/core.h"
 
-sgs_deep_options sgs_deep_options_default(void)
+void sgs_deep_options_init(sgs_deep_options *options, size_t size)
 {
-    return (sgs_deep_options){
-        .struct_size = sizeof(sgs_deep_options), .tolerance = 0.01, .max_samples = 32};
+    const sgs_deep_options defaults = {.tolerance = 0.01, .max_samples = 32};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 sgs_status sgsi_deep_reserve(sgsi_deep *deep, const sgs_deep_options *options, int width, int rows)

@@ -9,10 +9,10 @@
 #include "base/core.h"
 #include "sparegs/trainer.h"
 
-sgs_finetune_options sgs_finetune_options_default(void)
+void sgs_finetune_options_init(sgs_finetune_options *options, size_t size)
 {
-    return (sgs_finetune_options){
-        .struct_size = sizeof(sgs_finetune_options), .iterations = 5000, .compact_box = 1};
+    const sgs_finetune_options defaults = {.iterations = 5000, .compact_box = 1};
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }
 
 static sgs_status copy_model(const sgs_gaussians *from, sgs_gaussians **to)

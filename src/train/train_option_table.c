@@ -9,6 +9,8 @@
 
 #include <string.h>
 
+#include "base/core.h"
+
 // NOLINTBEGIN(bugprone-macro-parentheses): initialisers, not expressions
 #define FIELD(member)                                                                              \
     .offset = offsetof(sgs_train_options, member),                                                 \
@@ -620,10 +622,10 @@ static void set_initial(const sgs_train_option *row, sgs_train_options *options)
     }
 }
 
-sgs_train_options sgs_train_options_default(void)
+void sgs_train_options_init(sgs_train_options *options, size_t size)
 {
-    sgs_train_options options = {.struct_size = sizeof options};
+    sgs_train_options defaults = {0};
     for (size_t i = 0; i < sizeof table / sizeof *table; ++i)
-        set_initial(&table[i], &options);
-    return options;
+        set_initial(&table[i], &defaults);
+    sgsi_options_init(options, size, &defaults, sizeof defaults);
 }

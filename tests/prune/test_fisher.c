@@ -112,8 +112,8 @@ static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed,
     oracle_scene model = oracle_random_model(seed, COUNT, &range);
     sgs_scene *scene = prune_scene(WIDTH, HEIGHT);
     sgs_view_pass_options options = sgs_view_pass_options_default();
-    options.render.filter = filter;
-    options.render.filter_3d = model.filter_3d;
+    const sgs_render_options render = oracle_render_options(filter, 3, model.filter_3d);
+    options.render = &render;
     matrix6 *actual = oracle_memory(COUNT, sizeof *actual);
     assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, background, actual), 0);
     size_t compared = 0;
@@ -123,7 +123,7 @@ static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed,
         for (size_t v = 0; v < scene->view_count; ++v)
             if (scene->views[v].split == SGS_SPLIT_TRAIN)
                 jumps += add_differences(&model, i, &scene->views[v].camera, &scene->views[v].pose,
-                                         &options.render, background, expected);
+                                         &render, background, expected);
         if (jumps) // not differentiable there
             continue;
         const double error = worst_error(actual[i], expected);

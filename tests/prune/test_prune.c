@@ -76,9 +76,11 @@ static void contributions_are_those_of_the_reference(void **state)
     for (int downscale = 1; downscale <= 2; ++downscale) {
         sgs_view_pass_options options = sgs_view_pass_options_default();
         options.downscale = downscale;
+        const sgs_render_options render = sgs_render_options_default();
+        options.render = downscale == 1 ? NULL : &render;
         sgs_contribution *expected = oracle_memory(COUNT, sizeof *expected);
         sgs_contribution *actual = oracle_memory(COUNT, sizeof *actual);
-        expect_contributions(&model, scene, &options.render, downscale, expected);
+        expect_contributions(&model, scene, &render, downscale, expected);
         assert_int_equal(sgs_contributions(model.model, scene, &options, actual), 0);
         size_t seen = 0;
         for (size_t i = 0; i < COUNT; ++i) {
@@ -302,18 +304,21 @@ static void missing_inputs_and_cancellation_are_reported(void **state)
     assert_int_equal(sgs_prune_scores(model.model, &options, scores), SGS_STATUS_INVALID_ARGUMENT);
     options = sgs_prune_options_default();
     options.scene = scene;
-    options.views.downscale = 0;
+    sgs_view_pass_options views = sgs_view_pass_options_default();
+    options.views = &views;
+    views.downscale = 0;
     assert_int_equal(sgs_prune_scores(model.model, &options, scores), SGS_STATUS_INVALID_ARGUMENT);
-    options.views.downscale = 1;
+    views.downscale = 1;
     options.method = SGS_PRUNE_PUP;
     options.background[2] = NAN;
     assert_int_equal(sgs_prune_scores(model.model, &options, scores), SGS_STATUS_INVALID_ARGUMENT);
     assert_string_equal(sgs_last_error(), "background nan is not finite");
     options = sgs_prune_options_default();
     options.scene = scene;
+    options.views = &views;
     size_t limit = 2;
-    options.views.progress = cancel;
-    options.views.progress_user = &limit;
+    views.progress = cancel;
+    views.progress_user = &limit;
     assert_int_equal(sgs_prune_scores(model.model, &options, scores), SGS_STATUS_CANCELLED);
     assert_string_equal(sgs_last_error(), "cancelled after 2 of 3 views");
     limit = 9;

@@ -415,8 +415,10 @@ static float *view_weights(const opened_model *opened, const sgs_scene *scene)
     sgs_contribution *contributions = malloc((count + 1) * sizeof *contributions);
     float *weights = malloc((count + 1) * sizeof *weights);
     sgs_view_pass_options options = sgs_view_pass_options_default();
-    options.render.filter = opened->antialiased ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
-    options.render.near_distance = sgs_near_distance(scene->extent);
+    sgs_render_options render = sgs_render_options_default();
+    render.filter = opened->antialiased ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+    render.near_distance = sgs_near_distance(scene->extent);
+    options.render = &render;
     options.progress = show_views;
     progress_work_start();
     bool done = contributions && weights;

@@ -317,8 +317,11 @@ static sgs_status view_scores(pruning *p)
     sgs_prune_options options = sgs_prune_options_default();
     options.method = (sgs_prune_method)p->values->method;
     options.scene = p->scene;
-    options.views.render = drawing_render_options(&p->drawing);
-    options.views.progress = show_views;
+    const sgs_render_options render = drawing_render_options(&p->drawing);
+    sgs_view_pass_options views = sgs_view_pass_options_default();
+    views.render = &render;
+    views.progress = show_views;
+    options.views = &views;
     options.volume_power = p->values->volume_power;
     options.fisher_downscale = p->values->fisher_downscale;
     memcpy(options.background, p->drawing.background, sizeof options.background);

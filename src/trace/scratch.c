@@ -4,11 +4,15 @@
 // Scratch memory of a thread: one allocation, so that it can use large pages. Arrays, and the rows
 // of block lists within them, start at different cache sets, because the kernels access many of
 // them at the same index.
+//
+// A scratch has about 1 KB per candidate of a macrotile. All threads have one for the largest
+// macrotile up to SGSI_OWN_ROWS candidates. Macrotiles with more are rare, such as those of a
+// distant camera; their threads take a shared scratch for the time of the macrotile.
 
 #include "base/core.h"
-#include "trace/tracer.h"
+#include "trace/tracer_state.h"
 
-enum { LINE = 64, STAGGER = 5 * LINE, STEP = 256, ODD = 80 };
+enum { LINE = 64, STAGGER = 5 * LINE, STEP = 256, ODD = 80, TRIM_PASSES = 16 };
 
 void sgsi_scratch_free(sgsi_scratch *s)
 {
@@ -66,4 +70,59 @@ bool sgsi_scratch_reserve(sgsi_scratch *s, size_t capacity)
 {
     return capacity <= s->capacity ||
            sgsi_scratch_grow(s, (capacity + capacity / 4 + STEP - 1) / STEP * STEP + ODD);
+}
+
+// The smallest shared scratch that holds `rows`, else the largest.
+static sgsi_large_scratch *take_shared(sgsi_tracer *tracer, size_t rows)
+{
+    sgsi_large_scratch *best = NULL;
+    pthread_mutex_lock(&tracer->shared_lock);
+    for (int i = 0; i < sgsi_threads(); ++i) { // each thread holds at most one
+        sgsi_large_scratch *shared = &tracer->threads[i]->shared;
+        if (shared->taken)
+            continue;
+        const size_t capacity = shared->scratch.capacity, most = best ? best->scratch.capacity : 0;
+        if (!best || (most < rows ? capacity > most : capacity >= rows && capacity < most))
+            best = shared;
+    }
+    best->taken = true;
+    pthread_mutex_unlock(&tracer->shared_lock);
+    return best;
+}
+
+void sgsi_thread_release(sgsi_tracer *tracer, thread_state *state)
+{
+    if (!state->held)
+        return;
+    pthread_mutex_lock(&tracer->shared_lock);
+    state->held->taken = false;
+    pthread_mutex_unlock(&tracer->shared_lock);
+    state->held = NULL;
+    state->scratch = &state->own;
+}
+
+bool sgsi_thread_reserve(sgsi_tracer *tracer, thread_state *state, size_t rows)
+{
+    if (rows <= SGSI_OWN_ROWS)
+        return sgsi_scratch_reserve(state->scratch, rows);
+    if (!state->held || rows > state->scratch->capacity) {
+        sgsi_thread_release(tracer, state);
+        state->held = take_shared(tracer, rows);
+        state->scratch = &state->held->scratch;
+    }
+    if (rows > state->held->used)
+        state->held->used = rows;
+    return sgsi_scratch_reserve(state->scratch, rows);
+}
+
+void sgsi_large_scratches_trim(sgsi_tracer *tracer)
+{
+    if (++tracer->passes % TRIM_PASSES)
+        return;
+    for (int i = 0; i < MAX_THREADS && tracer->threads[i]; ++i) {
+        sgsi_large_scratch *shared = &tracer->threads[i]->shared;
+        if (shared->used < shared->scratch.capacity / 2)
+            sgsi_scratch_free(&shared->scratch);
+        shared->used = 0;
+    }
 }

@@ -31,6 +31,7 @@ sgs_status sgsi_tracer_create(sgsi_tracer **tracer)
         sgsi_free(made);
         return status;
     }
+    pthread_mutex_init(&made->shared_lock, NULL);
     *tracer = made;
     return SGS_STATUS_OK;
 }
@@ -47,10 +48,9 @@ static void free_thread(thread_state *thread)
 {
     if (!thread)
         return;
-    sgsi_scratch_free(&thread->scratch);
+    sgsi_scratch_free(&thread->own);
+    sgsi_scratch_free(&thread->shared.scratch);
     sgsi_free(thread->gathered.ids);
-    sgsi_free(thread->keys);
-    sgsi_free(thread->keys_spare);
     sgsi_cell_sums_free(&thread->cell);
     sgsi_arena_free(&thread->arena);
     sgsi_free(thread);
@@ -77,23 +77,13 @@ void sgsi_tracer_destroy(sgsi_tracer *tracer)
         return;
     for (int i = 0; i < MAX_THREADS; ++i)
         free_thread(tracer->threads[i]);
+    pthread_mutex_destroy(&tracer->shared_lock);
     sgsi_bvh_destroy(tracer->bvh);
     sgsi_tracer_forget(tracer);
     void *const arrays[] = {tracer->lists, tracer->slot_begin, tracer->buckets, tracer->macrotiles};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
         sgsi_free(arrays[i]);
     sgsi_free(tracer);
-}
-
-static bool grow_keys(thread_state *state, size_t capacity)
-{
-    if (capacity <= state->key_capacity)
-        return true;
-    if (!sgsi_grow((void **)&state->keys, 0, capacity, sizeof *state->keys) ||
-        !sgsi_grow((void **)&state->keys_spare, 0, capacity, sizeof *state->keys_spare))
-        return false;
-    state->key_capacity = capacity;
-    return true;
 }
 
 // List memory for the whole view for every thread. If that is too much, none reserves: the address
@@ -113,11 +103,10 @@ static void reserve_arenas(sgsi_tracer *tracer)
 // they use.
 static void equalize_threads(sgsi_tracer *tracer)
 {
-    size_t scratch = 0, keys = 0, gathered = 0, words = 0;
+    size_t rows = 0, gathered = 0, words = 0;
     for (int i = 0; i < sgsi_threads(); ++i) {
         const thread_state *state = tracer->threads[i];
-        scratch = state->scratch.capacity > scratch ? state->scratch.capacity : scratch;
-        keys = state->key_capacity > keys ? state->key_capacity : keys;
+        rows = state->own.capacity > rows ? state->own.capacity : rows;
         gathered = state->gathered.capacity > gathered ? state->gathered.capacity : gathered;
         words += sgsi_arena_used(&state->arena);
     }
@@ -126,10 +115,22 @@ static void equalize_threads(sgsi_tracer *tracer)
     reserve_arenas(tracer);
     for (int i = 0; i < sgsi_threads(); ++i) {
         thread_state *state = tracer->threads[i];
-        if (sgsi_scratch_grow(&state->scratch, scratch) && grow_keys(state, keys) &&
-            gathered > state->gathered.capacity &&
+        if (sgsi_scratch_grow(&state->own, rows) && gathered > state->gathered.capacity &&
             sgsi_grow((void **)&state->gathered.ids, 0, gathered, sizeof *state->gathered.ids))
             state->gathered.capacity = gathered;
+    }
+}
+
+// Frees what a pass with very many candidates per macrotile left.
+static void trim_threads(sgsi_tracer *tracer)
+{
+    sgsi_large_scratches_trim(tracer);
+    for (int i = 0; i < sgsi_threads(); ++i) {
+        sgsi_gather_list *gathered = &tracer->threads[i]->gathered;
+        if (gathered->capacity <= SGSI_OWN_IDS)
+            continue;
+        sgsi_free(gathered->ids);
+        *gathered = (sgsi_gather_list){0};
     }
 }
 
@@ -141,6 +142,7 @@ sgs_status sgsi_tracer_prepare_threads(sgsi_tracer *tracer)
         if (!tracer->threads[i])
             return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                              "not enough memory for the tracer's threads");
+        tracer->threads[i]->scratch = &tracer->threads[i]->own;
         tracer->threads[i]->status = SGS_STATUS_OK;
     }
     return SGS_STATUS_OK;
@@ -354,8 +356,8 @@ static void sort_by_row(const sgsi_scratch *s, const uint32_t *rows, uint64_t *k
 // Returns the number left.
 static size_t order_macrotile(thread_state *state, const uint32_t *rows, size_t count)
 {
-    sgsi_scratch *s = &state->scratch;
-    uint64_t *keys = state->keys;
+    sgsi_scratch *s = state->scratch;
+    uint64_t *keys = s->sort_spare, *spare = keys + s->capacity; // not in use yet
     uint32_t min_bits = UINT32_MAX, max_bits = 0;
     for (size_t i = 0; i < count; ++i) {
         const uint32_t bits = s->macrotile_distance[i];
@@ -363,13 +365,13 @@ static size_t order_macrotile(thread_state *state, const uint32_t *rows, size_t 
         min_bits = bits < min_bits ? bits : min_bits;
         max_bits = bits > max_bits ? bits : max_bits;
     }
-    sort_keys(keys, state->keys_spare, count, min_bits, max_bits);
+    sort_keys(keys, spare, count, min_bits, max_bits);
     size_t unique = 0, end = 0;
     for (size_t begin = 0; begin < count; begin = end) {
         for (end = begin + 1; end < count && keys[end] >> 32 == keys[begin] >> 32;)
             ++end;
         if (end - begin > 1)
-            sort_by_row(s, rows, keys + begin, state->keys_spare, end - begin);
+            sort_by_row(s, rows, keys + begin, spare, end - begin);
         for (size_t i = begin; i < end; ++i)
             if (i == begin || keys[i] >> 32 != keys[i - 1] >> 32)
                 s->macrotile_order[unique++] = (uint32_t)keys[i];
@@ -410,35 +412,34 @@ static size_t gather_macrotile(const forward_pass *pass, thread_state *state, in
     state->status = sgsi_bvh_gather(pass->tracer->bvh, &packet, &state->gathered);
     const size_t gathered = state->gathered.count;
     state->counts.callbacks += gathered;
-    const bool sortable =
-        gathered <= state->key_capacity || grow_keys(state, gathered + gathered / 2);
-    if (!state->status && (!sortable || !sgsi_scratch_reserve(&state->scratch, gathered + 16)))
+    if (!state->status && !sgsi_thread_reserve(pass->tracer, state, gathered + 16))
         state->status =
             sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                       "not enough memory for the %zu candidates of a macrotile", gathered);
     if (state->status)
         return 0;
     const size_t kept = sgsi_kernels_get()->macrotile_filter(
-        &state->scratch, pass->tracer->projected, state->gathered.ids, gathered, tiles);
+        state->scratch, pass->tracer->projected, state->gathered.ids, gathered, tiles);
     const uint32_t *rows = pass->tracer->received ? pass->tracer->rows : NULL;
     const size_t count = order_macrotile(state, rows, kept);
     state->counts.gathered += count;
     return count;
 }
 
-// Number of different primitives among those that the BVH reported. Uses the keys.
+// Number of different primitives among those that the BVH reported.
 static uint64_t count_distinct(thread_state *state)
 {
     const sgsi_gather_list *list = &state->gathered;
+    uint64_t *keys = state->scratch->sort_spare, *spare = keys + state->scratch->capacity;
     uint32_t max = 0;
     uint64_t distinct = 0;
     for (size_t i = 0; i < list->count; ++i) {
-        state->keys[i] = (uint64_t)list->ids[i] << 32;
+        keys[i] = (uint64_t)list->ids[i] << 32;
         max = list->ids[i] > max ? list->ids[i] : max;
     }
-    sort_keys(state->keys, state->keys_spare, list->count, 0, max);
+    sort_keys(keys, spare, list->count, 0, max);
     for (size_t i = 0; i < list->count; ++i)
-        distinct += !i || state->keys[i] != state->keys[i - 1];
+        distinct += !i || keys[i] != keys[i - 1];
     return distinct;
 }
 
@@ -467,7 +468,7 @@ static size_t compact_tile(sgsi_scratch *s, size_t count, uint32_t *map)
 
 static void keep_list(thread_state *state, sgsi_tile_list *list, size_t count)
 {
-    sgsi_scratch *s = &state->scratch;
+    sgsi_scratch *s = state->scratch;
     uint32_t *map = s->entries; // free after the blocks are sorted
     count = compact_tile(s, count, map);
     size_t block_hits = 0;
@@ -514,9 +515,9 @@ static bool blend_tile(const forward_pass *pass, thread_state *state,
     const float far = everything ? INFINITY : macrotile->far[k];
     sgsi_tile_cost *cost = pass->tracer->costs ? &pass->tracer->costs[tile] : NULL;
     const double start = cost ? pass_seconds(pass->tracer) : 0.0;
-    const size_t count = kernels->tile_take(&state->scratch, candidates,
+    const size_t count = kernels->tile_take(state->scratch, candidates,
                                             (everything ? SGSI_OVERLAPS : SGSI_IN_BOUND) << k);
-    kernels->tile_sort(&state->scratch, rays, count);
+    kernels->tile_sort(state->scratch, rays, count);
     sgsi_tile_target target = {.rays = rays,
                                .width = planes->width,
                                .height = planes->height,
@@ -529,7 +530,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state,
                                .hits = planes->hits,
                                .aov = planes->aov,
                                .near_distance = pass->view->near_distance};
-    kernels->tile_forward(&state->scratch, &target);
+    kernels->tile_forward(state->scratch, &target);
     if (!(target.stop_distance <= far))
         return false;
     if (pass->depth_bound)
@@ -542,7 +543,7 @@ static bool blend_tile(const forward_pass *pass, thread_state *state,
     state->counts.candidates += count;
     state->counts.evaluations += target.evaluations;
     for (int b = 0; b < SGSI_BLOCKS; ++b)
-        state->counts.block_hits += state->scratch.entry_count[b];
+        state->counts.block_hits += state->scratch->entry_count[b];
     if (pass->keep_lists)
         keep_list(state, &pass->tracer->lists[tile], count);
     return true;
@@ -578,6 +579,7 @@ static void forward_macrotile(void *context, size_t item, int thread)
         if (!state->status)
             blend_tile(pass, state, &tiles, k, numbers[k], candidates, true);
     }
+    sgsi_thread_release(pass->tracer, state);
     state->gather_seconds += gathered - start + again;
     state->blend_seconds += pass_seconds(pass->tracer) - blended - again;
 }
@@ -664,6 +666,7 @@ static sgs_status forward_macrotiles(sgsi_tracer *tracer, forward_pass *pass,
         state->counts = (sgsi_trace_counts){0};
     }
     sgsi_parallel_for(macrotile_count, 1, forward_macrotile, pass);
+    trim_threads(tracer);
     return collect_threads(tracer, sgsi_seconds() - start, &tracer->seconds.gather,
                            &tracer->seconds.forward);
 }

@@ -68,11 +68,12 @@ static void backward_tile(void *context, size_t item, int thread)
     sort_slots(pass, tile);
     if (!list->count || state->status)
         return;
-    sgsi_scratch *s = &state->scratch;
-    if (!sgsi_scratch_reserve(s, list->count + 16)) {
+    if (!sgsi_thread_reserve(tracer, state, list->count + 16)) {
+        sgsi_thread_release(tracer, state);
         state->status = SGS_STATUS_OUT_OF_MEMORY;
         return;
     }
+    sgsi_scratch *s = state->scratch;
     const sgsi_kernels *kernels = sgsi_kernels_get();
     const sgsi_rays *rays = pass->view->rays;
     sgsi_tile_target target = {.rays = &rays->tiles[rays->cells.tile_order[tile]],
@@ -91,6 +92,7 @@ static void backward_tile(void *context, size_t item, int thread)
         kernels->tile_backward_abs_grad(s, list, &target);
     else
         kernels->tile_backward(s, list, &target);
+    sgsi_thread_release(tracer, state);
 }
 
 // Prefetches the first slots of one tile and bucket.

@@ -4,6 +4,7 @@
 
 // State of the tracer, shared by tracer.c (forward pass) and tracer_backward.c.
 
+#include <pthread.h>
 #include <string.h>
 
 #include "base/arena.h"
@@ -12,7 +13,11 @@
 
 enum {
     MAX_THREADS = SGSI_THREADS_MAX,
-    SGSI_BUCKET_SHIFT = 16 // maximum: log2 of the primitives of a bucket
+    SGSI_BUCKET_SHIFT = 16, // maximum: log2 of the primitives of a bucket
+    // Candidates of a macrotile up to which every thread has memory of its own: 64 MB of scratch
+    // and 4 MB of ids.
+    SGSI_OWN_ROWS = 1 << 16,
+    SGSI_OWN_IDS = 1 << 20
 };
 
 // Sums of one cell and bucket of primitives, in order of their first slot: a sparse set.
@@ -31,12 +36,21 @@ typedef struct sgsi_bucket_records {
     size_t count, capacity;
 } sgsi_bucket_records;
 
+// A scratch for more than SGSI_OWN_ROWS rows. Any thread may take it, so there are only as many as
+// threads that needed one at the same time.
+typedef struct sgsi_large_scratch {
+    sgsi_scratch scratch;
+    size_t used; // most rows required since sgsi_large_scratches_trim last looked
+    bool taken;
+} sgsi_large_scratch;
+
 // Per-thread state.
 typedef struct thread_state {
-    sgsi_scratch scratch;
+    sgsi_scratch own;
+    sgsi_scratch *scratch;     // of the current item: `own` or that of `held`
+    sgsi_large_scratch *held;  // taken by this thread, or NULL
+    sgsi_large_scratch shared; // taken by any thread
     sgsi_gather_list gathered;
-    uint64_t *keys, *keys_spare; // [key_capacity]
-    size_t key_capacity;
     sgsi_cell_sums cell;
     sgsi_arena arena;
     sgs_status status;
@@ -77,6 +91,8 @@ struct sgsi_tracer {
     size_t list_words; // size of each thread's list arena
     bool abs_grad;     // backward passes also sum absolute gradients
     thread_state *threads[MAX_THREADS];
+    pthread_mutex_t shared_lock; // of the threads' `shared`
+    unsigned passes;             // forward passes
     sgsi_trace_seconds seconds;
     sgsi_trace_counts counts;
 };
@@ -86,6 +102,15 @@ void sgsi_cell_sums_free(sgsi_cell_sums *sums);
 // it: the number of threads may change between them. Lists of the forward pass are kept. Fails with
 // OUT_OF_MEMORY.
 sgs_status sgsi_tracer_prepare_threads(sgsi_tracer *tracer);
+
+// ---- scratch.c ----
+
+// Makes room for `rows` in state->scratch, whose contents it may discard. False if out of memory.
+bool sgsi_thread_reserve(sgsi_tracer *tracer, thread_state *state, size_t rows);
+// Ends an item: leaves a large scratch to other threads.
+void sgsi_thread_release(sgsi_tracer *tracer, thread_state *state);
+// After a forward pass. Every few passes frees the large scratches that were too large for them.
+void sgsi_large_scratches_trim(sgsi_tracer *tracer);
 
 // ---- tracer_records.c ----
 

@@ -8,6 +8,7 @@
 // library call runs. The other functions may be called from any thread at any time and cannot fail.
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "sparegs/status.h"
@@ -34,6 +35,13 @@ SGS_API int sgs_threads_get(void);
 // Number of cores in the affinity mask, or the CPU quota of the cgroup (container, batch
 // job), rounded up, if that is smaller.
 SGS_API int sgs_cores(void);
+
+// Runs body(context, begin, end) on all threads for the ranges of `grain` indices, the last one
+// shorter, that [0, count) consists of, in any order; returns when all are done. The ranges depend
+// on count and grain (0 counts as 1) only, never on the number of threads. Denormal numbers are 0
+// in `body`. A call within `body` runs on its thread alone.
+typedef void (*sgs_range_fn)(void *context, size_t begin, size_t end);
+SGS_API void sgs_parallel_ranges(size_t count, size_t grain, sgs_range_fn body, void *context);
 
 // Instruction set of the kernels. Default: the best that the CPU supports. Fails with
 // INVALID_ARGUMENT outside the enumeration, UNSUPPORTED if CPU or build lack it; the setting is

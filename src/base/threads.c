@@ -125,6 +125,24 @@ void sgsi_parallel_ranges(size_t count, size_t grain, sgsi_range_fn body, void *
     sgsi_parallel_for((count + grain - 1) / grain, 1, run_range, &loop);
 }
 
+typedef struct public_loop {
+    sgs_range_fn body;
+    void *context;
+} public_loop;
+
+static void run_public_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const public_loop *loop = context;
+    loop->body(loop->context, begin, end);
+}
+
+void sgs_parallel_ranges(size_t count, size_t grain, sgs_range_fn body, void *context)
+{
+    public_loop loop = {body, context};
+    sgsi_parallel_ranges(count, grain ? grain : 1, run_public_range, &loop);
+}
+
 enum { ZEROED_AT_ONCE = 2 << 20 }; // a huge page
 
 static void zero_range(void *context, size_t begin, size_t end, int thread)

@@ -18,6 +18,7 @@
 #include "sparegs/metrics.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "base/core.h"
@@ -57,7 +58,8 @@ typedef struct flip_job {
     double converted[3][256][3]; // share of a channel's value in YCxCz
     double *scratch;             // per thread, see tile_memory
     size_t scratch_size;
-    float *map; // [height][width]
+    float *map;       // [height][width]
+    double *row_sums; // [height], of the map
 } flip_job;
 
 static const double to_xyz[9] = {
@@ -364,20 +366,28 @@ static void compare_tile(void *context, size_t item, int thread)
         }
 }
 
-static double mean_error(const flip_job *job)
+// Clears the errors of invalid pixels and sums those of a row.
+static void sum_row(void *context, size_t y, int thread)
 {
+    (void)thread;
+    const flip_job *job = context;
     double sum = 0.0;
-    size_t count = 0;
+    for (int x = 0; x < job->width; ++x) {
+        float *error = &job->map[y * (size_t)job->width + (size_t)x];
+        if (!sgs_mask_is_valid(job->valid_mask, job->width, x, (int)y))
+            *error = 0.0f;
+        sum += (double)*error;
+    }
+    job->row_sums[y] = sum;
+}
+
+static double mean_error(flip_job *job)
+{
+    const size_t count = sgsi_mask_count(job->valid_mask, job->width, job->height);
+    double sum = 0.0;
+    sgsi_parallel_for((size_t)job->height, 16, sum_row, job);
     for (int y = 0; y < job->height; ++y)
-        for (int x = 0; x < job->width; ++x) {
-            float *error = &job->map[(size_t)y * (size_t)job->width + (size_t)x];
-            if (sgs_mask_is_valid(job->valid_mask, job->width, x, y)) {
-                sum += (double)*error;
-                ++count;
-            } else {
-                *error = 0.0f;
-            }
-        }
+        sum += job->row_sums[y];
     return count ? sum / (double)count : NAN;
 }
 
@@ -414,12 +424,15 @@ static bool prepare(flip_job *job, const sgs_image8 *reference, int color_radius
     make_conversion(job);
     const tile_sizes size = sizes_of(job);
     job->scratch_size = size.line + size.rows + 2 * size.signals;
-    const size_t doubles = (size_t)sgsi_threads() * job->scratch_size,
-                 pixels = (size_t)job->width * (size_t)job->height;
-    job->scratch = sgsi_alloc(doubles + (needs_map ? (pixels + 1) / 2 : 0), sizeof(double));
-    if (job->scratch && needs_map)
-        job->map = (void *)(job->scratch + doubles);
-    return job->scratch != NULL;
+    const size_t threads = (size_t)sgsi_threads() * job->scratch_size, rows = (size_t)job->height,
+                 pixels = (size_t)job->width * rows;
+    job->scratch = sgsi_alloc(threads + rows + (needs_map ? (pixels + 1) / 2 : 0), sizeof(double));
+    if (!job->scratch)
+        return false;
+    job->row_sums = job->scratch + threads;
+    if (needs_map)
+        job->map = (void *)(job->row_sums + rows);
+    return true;
 }
 
 sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const uint16_t *valid_mask,
@@ -460,11 +473,57 @@ sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const u
     return SGS_STATUS_OK;
 }
 
-static double luma(const sgs_image8 *image, size_t at)
+// ---- Sharpness ----
+
+typedef struct sharpness_job {
+    const sgs_image8 *images[2];
+    const uint16_t *valid_mask;
+    // Energies, in 1e-6 squared units of a pixel, as low + 2^32 high: exact, so the order of the
+    // rows does not matter.
+    _Atomic uint64_t low[2], high[2];
+} sharpness_job;
+
+// 1000 times the Laplacian of the luma, of the pixels from index `at` on.
+static void laplacians(const sgs_image8 *image, size_t at, size_t count, int32_t out[TILE])
 {
-    const size_t plane = (size_t)image->width * (size_t)image->height;
-    return 0.299 * image->pixels[at] + 0.587 * image->pixels[plane + at] +
-           0.114 * image->pixels[2 * plane + at];
+    static const int32_t weights[3] = {299, 587, 114};
+    const size_t width = (size_t)image->width, plane = width * (size_t)image->height;
+    memset(out, 0, count * sizeof *out);
+    for (size_t c = 0; c < 3; ++c) {
+        const uint8_t *const p = image->pixels + c * plane + at, *const above = p - width,
+                             *const below = p + width, *const left = p - 1, *const right = p + 1;
+        for (size_t x = 0; x < count; ++x)
+            out[x] += weights[c] * (left[x] + right[x] + above[x] + below[x] - 4 * p[x]);
+    }
+}
+
+static bool has_valid_stencil(const uint16_t *valid_mask, int width, int x, int y)
+{
+    bool valid = true;
+    for (int k = -1; k <= 1 && valid; ++k)
+        valid = sgs_mask_is_valid(valid_mask, width, x + k, y) &&
+                sgs_mask_is_valid(valid_mask, width, x, y + k);
+    return valid;
+}
+
+static void add_energies(void *context, size_t row, int thread)
+{
+    (void)thread;
+    sharpness_job *job = context;
+    const size_t width = (size_t)job->images[0]->width, y = row + 1;
+    for (int k = 0; k < 2; ++k) {
+        uint64_t energy = 0;
+        for (size_t x = 1; x + 1 < width; x += TILE) {
+            const size_t count = width - 1 - x < TILE ? width - 1 - x : TILE;
+            int32_t values[TILE];
+            laplacians(job->images[k], y * width + x, count, values);
+            for (size_t i = 0; i < count; ++i)
+                if (has_valid_stencil(job->valid_mask, (int)width, (int)(x + i), (int)y))
+                    energy += (uint64_t)((int64_t)values[i] * values[i]);
+        }
+        job->low[k] += energy & UINT32_MAX;
+        job->high[k] += energy >> 32;
+    }
 }
 
 double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo, const uint16_t *valid_mask)
@@ -472,22 +531,11 @@ double sgs_sharpness(const sgs_image8 *render, const sgs_image8 *photo, const ui
     if (!render->pixels || !photo->pixels || render->width != photo->width ||
         render->height != photo->height || render->channels < 3 || photo->channels < 3)
         return NAN;
-    const int width = photo->width, height = photo->height;
-    double energy[2] = {0};
-    for (int y = 1; y < height - 1; ++y)
-        for (int x = 1; x < width - 1; ++x) {
-            bool valid = true;
-            for (int k = -1; k <= 1 && valid; ++k)
-                valid = sgs_mask_is_valid(valid_mask, width, x + k, y) &&
-                        sgs_mask_is_valid(valid_mask, width, x, y + k);
-            const size_t at = (size_t)y * (size_t)width + (size_t)x;
-            for (int k = 0; k < 2 && valid; ++k) {
-                const sgs_image8 *image = k ? photo : render;
-                const double laplacian = luma(image, at - 1) + luma(image, at + 1) +
-                                         luma(image, at - (size_t)width) +
-                                         luma(image, at + (size_t)width) - 4.0 * luma(image, at);
-                energy[k] += laplacian * laplacian;
-            }
-        }
+    sharpness_job job = {.images = {render, photo}, .valid_mask = valid_mask};
+    if (photo->height > 2)
+        sgsi_parallel_for((size_t)photo->height - 2, 16, add_energies, &job);
+    double energy[2];
+    for (int k = 0; k < 2; ++k)
+        energy[k] = (double)job.high[k] * 0x1p32 + (double)job.low[k];
     return energy[1] > 0.0 ? energy[0] / energy[1] : NAN;
 }

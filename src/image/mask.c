@@ -192,16 +192,22 @@ sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *valid_mask)
     return status;
 }
 
+size_t sgsi_mask_count(const uint16_t *valid_mask, int width, int height)
+{
+    const size_t words = sgs_mask_words(width);
+    const unsigned last = 0xFFFFu >> (15 - (width - 1) % 16); // bits of the last word of a row
+    if (!valid_mask)
+        return (size_t)width * (size_t)height;
+    size_t count = 0;
+    for (size_t i = 0; i < words * (size_t)height; ++i)
+        count += (size_t)__builtin_popcount(valid_mask[i] & ((i + 1) % words ? 0xFFFFu : last));
+    return count;
+}
+
 void sgsi_mask_finish(sgs_photo *photo)
 {
-    const size_t all = (size_t)photo->width * (size_t)photo->height;
-    photo->kept = all;
-    if (!photo->valid_mask)
-        return;
-    photo->kept = 0;
-    for (size_t i = 0; i < sgs_mask_words(photo->width) * (size_t)photo->height; ++i)
-        photo->kept += (size_t)__builtin_popcount(photo->valid_mask[i]);
-    if (photo->kept == all) {
+    photo->kept = sgsi_mask_count(photo->valid_mask, photo->width, photo->height);
+    if (photo->kept == (size_t)photo->width * (size_t)photo->height) {
         sgsi_free(photo->valid_mask);
         photo->valid_mask = NULL;
     }

@@ -38,5 +38,8 @@ sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask);
 // Clears the pixels that `valid_mask` (same size) clears; NULL clears none.
 sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *valid_mask);
 
+// Number of valid pixels of a mask; NULL = all are valid.
+size_t sgsi_mask_count(const uint16_t *valid_mask, int width, int height);
+
 // Counts photo->kept. Frees a mask with all pixels valid.
 void sgsi_mask_finish(sgs_photo *photo);

@@ -13,6 +13,7 @@
 #include "sparegs/metrics.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 
 #include "base/core.h"
@@ -81,22 +82,40 @@ static bool comparable(const sgs_image8 *a, const sgs_image8 *b)
            a->width > 0 && a->height > 0 && a->channels >= 3 && b->channels >= 3;
 }
 
+typedef struct psnr_job {
+    const sgs_image8 *a, *b;
+    const uint16_t *valid_mask;
+    _Atomic uint64_t sum; // exact: the order does not matter
+} psnr_job;
+
+static void add_squares(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    psnr_job *job = context;
+    const size_t width = (size_t)job->a->width, plane = width * (size_t)job->a->height;
+    uint64_t sum = 0;
+    for (size_t y = begin; y < end; ++y)
+        for (size_t c = 0; c < 3; ++c) {
+            const uint8_t *const a = job->a->pixels + c * plane + y * width, *const b =
+                                                                                 job->b->pixels +
+                                                                                 c * plane +
+                                                                                 y * width;
+            for (size_t x = 0; x < width; ++x) {
+                const int difference = (int)a[x] - (int)b[x];
+                if (sgs_mask_is_valid(job->valid_mask, job->a->width, (int)x, (int)y))
+                    sum += (uint64_t)(difference * difference);
+            }
+        }
+    job->sum += sum;
+}
+
 double sgs_psnr_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t *valid_mask)
 {
     if (!comparable(a, b))
         return NAN;
-    const size_t plane = (size_t)a->width * (size_t)a->height;
-    uint64_t sum = 0, values = 0; // exact
-    for (size_t i = 0; i < plane; ++i) {
-        if (valid_mask && !sgs_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
-                                             (int)(i / (size_t)a->width)))
-            continue;
-        for (size_t c = 0; c < 3; ++c) {
-            const int difference = (int)a->pixels[c * plane + i] - (int)b->pixels[c * plane + i];
-            sum += (uint64_t)(difference * difference);
-        }
-        values += 3;
-    }
+    psnr_job job = {.a = a, .b = b, .valid_mask = valid_mask};
+    sgsi_parallel_ranges((size_t)a->height, STRIP_ROWS, add_squares, &job);
+    const uint64_t sum = job.sum, values = 3 * sgsi_mask_count(valid_mask, a->width, a->height);
     if (!values)
         return NAN;
     return sum ? 10.0 * log10(255.0 * 255.0 * (double)values / (double)sum) : INFINITY;
@@ -248,9 +267,6 @@ double sgs_ssim_masked(const sgs_image8 *a, const sgs_image8 *b, const uint16_t 
     for (size_t item = 0; item < items; ++item)
         sum += job.sums[item];
     sgsi_free(job.scratch);
-    size_t kept = (size_t)a->width * (size_t)a->height;
-    for (size_t i = 0; valid_mask && i < (size_t)a->width * (size_t)a->height; ++i)
-        kept -= !sgs_mask_is_valid(valid_mask, a->width, (int)(i % (size_t)a->width),
-                                   (int)(i / (size_t)a->width));
+    const size_t kept = sgsi_mask_count(valid_mask, a->width, a->height);
     return kept ? sum / (3.0 * (double)kept) : NAN;
 }

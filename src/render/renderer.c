@@ -76,7 +76,7 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
                          width, height, bytes / 0x1p30, machine / 0x1p30);
     for (size_t i = 0; i < count; ++i)
         for (int c = 0; c < aovs[i].channels && sgsi_aov_is_requested(&aovs[i], planes); ++c) {
-            void *plane = sgsi_calloc((size_t)width * (size_t)height, sizeof(float));
+            void *plane = sgsi_calloc_shared((size_t)width * (size_t)height, sizeof(float));
             if (!plane) {
                 sgs_frame_free(frame);
                 return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,

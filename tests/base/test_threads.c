@@ -21,6 +21,7 @@
 #include "base/core.h"
 #include "support/rest.h"
 #include "base/threads.h"
+#include "sparegs/runtime.h"
 
 enum { ITEMS = 5000 };
 
@@ -93,6 +94,38 @@ static void items_may_run_loops(void **state)
     sgsi_parallel_for(50, 1, loop_again, &sum);
     assert_int_equal(sum, 5000);
     assert_int_equal(run_tally(ITEMS, 1), 0);
+}
+
+enum { RANGES = 1001 };
+
+typedef struct range_tally {
+    unsigned char runs[RANGES];
+    size_t grain;
+    atomic_int wrong;
+} range_tally;
+
+static void tally_range(void *context, size_t begin, size_t end)
+{
+    range_tally *t = context;
+    const size_t last = begin + t->grain < RANGES ? begin + t->grain : RANGES;
+    atomic_fetch_add(&t->wrong, begin % t->grain || end != last);
+    for (size_t i = begin; i < end; ++i)
+        ++t->runs[i];
+}
+
+static void public_ranges_depend_on_count_and_grain_only(void **state)
+{
+    (void)state;
+    for (int threads = 1; threads <= 3; ++threads)
+        for (size_t grain = 0; grain <= 2000; grain = 3 * grain + 1) {
+            range_tally t = {.grain = grain ? grain : 1};
+            sgsi_threads_set(threads);
+            sgs_parallel_ranges(RANGES, grain, tally_range, &t);
+            assert_int_equal(t.wrong, 0);
+            for (size_t i = 0; i < RANGES; ++i)
+                assert_int_equal(t.runs[i], 1);
+        }
+    sgs_parallel_ranges(0, 5, tally_range, NULL);
 }
 
 static void *run_loops(void *wrong)
@@ -294,6 +327,7 @@ int main(void)
         cmocka_unit_test(every_item_runs_once),
         cmocka_unit_test(short_loops_follow_each_other),
         cmocka_unit_test(items_may_run_loops),
+        cmocka_unit_test(public_ranges_depend_on_count_and_grain_only),
         cmocka_unit_test(several_threads_have_loops_at_once),
         cmocka_unit_test(a_slow_item_leaves_the_others_to_the_rest),
         cmocka_unit_test(signals_come_to_threads_of_the_caller),

@@ -57,6 +57,13 @@ check the_rows_have_them awk -v flip="$(figure 0001.jpg flip)" -v sharpness="$(f
      END { exit !found || bad }' "$temporary/stdout"
 prints "FLIP 0."
 
+# eval_gives_the_same_figures_on_any_number_of_threads
+for threads in 1 3; do
+    run 0 eval "$model" "$room" --json --threads $threads
+    cp "$temporary/stdout" "$temporary/threads_$threads.json"
+done
+check the_figures_are_the_same test "$(jq -c .images "$temporary/threads_1.json")" = "$(jq -c .images "$temporary/threads_3.json")"
+
 # lpips_takes_the_weights_of_the_user
 json "$temporary/eval.json" '.mean.lpips == null and .images[0].lpips == null and (has("lpips_network") | not)'
 "$SPAREGS_BUILD/tests/test_lpips" alex "$temporary/alex.bin"

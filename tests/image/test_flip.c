@@ -148,6 +148,70 @@ static void sharpness_is_the_ratio_of_laplacian_energies(void **state)
     assert_true(isnan(sgs_sharpness(&b, &a, mask)));
 }
 
+static double plain_luma(const sgs_image8 *image, int x, int y)
+{
+    const uint8_t *at = image->pixels + y * WIDTH + x;
+    return 0.299 * at[0] + 0.587 * at[PIXELS] + 0.114 * at[2 * PIXELS];
+}
+
+static double plain_energy(const sgs_image8 *image, const uint16_t *mask)
+{
+    double energy = 0;
+    for (int y = 1; y < HEIGHT - 1; ++y)
+        for (int x = 1; x < WIDTH - 1; ++x) {
+            static const int around[5][2] = {{0, 0}, {1, 0}, {-1, 0}, {0, 1}, {0, -1}};
+            double laplacian = 0;
+            bool valid = true;
+            for (int k = 0; k < 5; ++k) {
+                laplacian += (k ? 1 : -4) * plain_luma(image, x + around[k][0], y + around[k][1]);
+                valid = valid && sgs_mask_is_valid(mask, WIDTH, x + around[k][0], y + around[k][1]);
+            }
+            energy += valid ? laplacian * laplacian : 0;
+        }
+    return energy;
+}
+
+static void sharpness_equals_a_plain_loop_on_any_number_of_threads(void **state)
+{
+    (void)state;
+    uint16_t mask[HEIGHT * WIDTH / 16];
+    for (size_t i = 0; i < HEIGHT * WIDTH / 16; ++i)
+        mask[i] = i % 7 == 3 ? 0xF7FF : 0xFFFF;
+    for (int kind = 0; kind < 3; ++kind) {
+        sgs_image8 photo, render;
+        make(&photo, -1);
+        make(&render, kind);
+        for (int masked = 0; masked < 2; ++masked) {
+            const uint16_t *valid = masked ? mask : NULL;
+            const double expected = plain_energy(&render, valid) / plain_energy(&photo, valid);
+            sgs_threads_set(1);
+            const double sharpness = sgs_sharpness(&render, &photo, valid);
+            assert_true(fabs(sharpness / expected - 1) <= 1e-12);
+            for (int threads = 2; threads <= 4; ++threads) {
+                sgs_threads_set(threads);
+                assert_true(sgs_sharpness(&render, &photo, valid) == sharpness);
+            }
+        }
+        sgsi_free(photo.pixels);
+        sgsi_free(render.pixels);
+    }
+    sgs_threads_set(0);
+}
+
+// The Laplacian of a ramp is 0, with real weights only up to rounding.
+static void a_ramp_has_no_detail(void **state)
+{
+    (void)state;
+    sgs_image8 photo, render;
+    make(&photo, -1);
+    make(&render, 0);
+    for (int i = 0; i < 3 * PIXELS; ++i)
+        photo.pixels[i] = (uint8_t)(i % WIDTH + i / WIDTH % HEIGHT + i / PIXELS);
+    assert_true(isnan(sgs_sharpness(&render, &photo, NULL)));
+    sgsi_free(photo.pixels);
+    sgsi_free(render.pixels);
+}
+
 // A wave of a quarter of the sampling rate: the blur [1 2 1] / 4 scales it, and its Laplacian, by
 // (1 + cos(pi / 2)) / 2.
 static void a_blurred_wave_has_the_sharpness_of_the_filter(void **state)
@@ -286,6 +350,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(flip_is_the_same_on_any_number_of_threads_and_refuses_bad_input),
         cmocka_unit_test(flip_does_not_depend_on_the_tile_of_a_pixel),
         cmocka_unit_test(sharpness_is_the_ratio_of_laplacian_energies),
+        cmocka_unit_test(sharpness_equals_a_plain_loop_on_any_number_of_threads),
+        cmocka_unit_test(a_ramp_has_no_detail),
         cmocka_unit_test(a_blurred_wave_has_the_sharpness_of_the_filter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -48,8 +48,8 @@ static void add_pixels(const evaluator *evaluation, const block_plan *plan, cons
         }
 }
 
-static bool add_view(const evaluator *evaluation, const evaluator *reference,
-                     const block_plan *plan, size_t v, seam_report *report)
+static bool add_view(evaluator *evaluation, evaluator *reference, const block_plan *plan, size_t v,
+                     seam_report *report)
 {
     const sgs_view *view = &evaluation->scene->views[v];
     view_score score;
@@ -77,8 +77,8 @@ static bool add_view(const evaluator *evaluation, const evaluator *reference,
     return done;
 }
 
-bool seam_report_make(const evaluator *evaluation, const evaluator *reference,
-                      const block_plan *plan, size_t most, seam_report *report)
+bool seam_report_make(evaluator *evaluation, evaluator *reference, const block_plan *plan,
+                      size_t most, seam_report *report)
 {
     const sgs_scene *scene = evaluation->scene;
     const bool holds_out = scene_split_count(scene, SGS_SPLIT_TEST) > 0;

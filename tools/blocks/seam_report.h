@@ -29,8 +29,8 @@ typedef struct seam_report {
 // reference: of a model without seams, or NULL. Renders up to `most` images, held-out ones if there
 // are any, at equal intervals. A request to stop (interrupt.h) ends it early. False after printing
 // the error.
-bool seam_report_make(const evaluator *evaluation, const evaluator *reference,
-                      const block_plan *plan, size_t most, seam_report *report);
+bool seam_report_make(evaluator *evaluation, evaluator *reference, const block_plan *plan,
+                      size_t most, seam_report *report);
 
 // {"images", "split", "width", "pixel_share", "psnr_seam", "psnr_rest", "reference_psnr_seam",
 // "reference_psnr_rest", "loss"}

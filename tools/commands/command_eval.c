@@ -134,7 +134,7 @@ static void add_row(const evaluator *evaluation, const sgs_view *view, const vie
 }
 
 // Scores one view, saves its images if a folder is given, and adds its row.
-static bool evaluate_one(const evaluator *evaluation, size_t v, image_folder *folder, json_t *list,
+static bool evaluate_one(evaluator *evaluation, size_t v, image_folder *folder, json_t *list,
                          split_score *sum)
 {
     const sgs_view *view = &evaluation->scene->views[v];
@@ -150,7 +150,7 @@ static bool evaluate_one(const evaluator *evaluation, size_t v, image_folder *fo
 }
 
 // The rows of all views, which the ranks share.
-static bool evaluate_on_ranks(const evaluator *evaluation, sgs_split split, image_folder *folder,
+static bool evaluate_on_ranks(evaluator *evaluation, sgs_split split, image_folder *folder,
                               json_t *list, split_score *sum)
 {
     const size_t count = evaluation->scene->view_count;
@@ -239,7 +239,7 @@ static bool print_scores_json(const evaluator *evaluation, const image_choice *i
     return print_json(root);
 }
 
-static bool evaluate_all(const evaluator *evaluation, const image_choice *images, const char *save,
+static bool evaluate_all(evaluator *evaluation, const image_choice *images, const char *save,
                          const model_size *size, bool json)
 {
     const sgs_split split = images->split;

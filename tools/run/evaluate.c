@@ -52,6 +52,7 @@ void evaluator_close(evaluator *evaluation)
 {
     sgs_renderer_destroy(evaluation->renderer);
     sgs_rank_renderer_destroy(evaluation->rank_renderer);
+    sgs_frame_free(&evaluation->frame);
     evaluation->renderer = NULL;
     evaluation->rank_renderer = NULL;
 }
@@ -86,22 +87,24 @@ static float *flatten_photo(const sgs_photo *photo, const float background[3])
     return planes;
 }
 
-static bool draw(const evaluator *evaluation, const sgs_view *view, sgs_frame *frame)
+// Makes the frame that of a view; renderings fill all of it.
+static sgs_status prepare_frame(evaluator *evaluation, const sgs_view *view)
 {
-    if (!sgs_frame_create(view->camera.width, view->camera.height, frame) &&
+    sgs_frame *frame = &evaluation->frame;
+    if (frame->width == view->camera.width && frame->height == view->camera.height)
+        return SGS_STATUS_OK;
+    sgs_frame_free(frame);
+    return sgs_frame_create_with(view->camera.width, view->camera.height, 0, frame); // no AOVs
+}
+
+static bool draw(evaluator *evaluation, const sgs_view *view)
+{
+    if (!prepare_frame(evaluation, view) &&
         !sgs_renderer_render(evaluation->renderer, &view->camera, &view->pose, &evaluation->render,
-                             frame))
+                             &evaluation->frame))
         return true;
     fail_library();
     return false;
-}
-
-static void add_background(const evaluator *evaluation, sgs_frame *frame)
-{
-    const size_t pixels = (size_t)frame->width * (size_t)frame->height;
-    for (size_t c = 0; c < 3; ++c)
-        for (size_t i = 0; i < pixels; ++i)
-            frame->color[c][i] += frame->transmittance[i] * evaluation->background[c];
 }
 
 // planes_quantise, or false after printing the error.
@@ -140,7 +143,7 @@ static bool expose(const evaluator *evaluation, const sgs_view *view, const sgs_
     const bool alpha = photo->channels == 4;
     const float *transmittance = alpha ? frame->transmittance : NULL;
     if (!alpha || !evaluation->exposures)
-        add_background(evaluation, frame);
+        frame_add_background(frame, evaluation->background);
     if (!evaluation->exposures)
         return true;
     if (!exposure_find(evaluation->exposures, view->name, map)) {
@@ -155,7 +158,7 @@ static bool expose(const evaluator *evaluation, const sgs_view *view, const sgs_
     }
     exposure_apply(frame->color, transmittance, (size_t)frame->width * (size_t)frame->height, map);
     if (alpha)
-        add_background(evaluation, frame);
+        frame_add_background(frame, evaluation->background);
     return true;
 }
 
@@ -193,10 +196,11 @@ static bool compare(const evaluator *evaluation, view_images *images, const uint
     return false;
 }
 
-// Scores a frame without background, which it changes.
-static bool score_frame(const evaluator *evaluation, const sgs_view *view, sgs_frame *frame,
-                        view_score *score, view_images *images)
+// Scores the frame without background, which it changes.
+static bool score_frame(evaluator *evaluation, const sgs_view *view, view_score *score,
+                        view_images *images)
 {
+    sgs_frame *frame = &evaluation->frame;
     view_images compared = {0};
     const sgs_photo *source = NULL;
     uint16_t *half = NULL;
@@ -224,14 +228,10 @@ static bool score_frame(const evaluator *evaluation, const sgs_view *view, sgs_f
     return done;
 }
 
-bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
+bool evaluate_view(evaluator *evaluation, const sgs_view *view, view_score *score,
                    view_images *images)
 {
-    sgs_frame frame = {0};
-    const bool done =
-        draw(evaluation, view, &frame) && score_frame(evaluation, view, &frame, score, images);
-    sgs_frame_free(&frame);
-    return done;
+    return draw(evaluation, view) && score_frame(evaluation, view, score, images);
 }
 
 void split_score_add(split_score *sum, const sgs_view *view, const view_score *score)
@@ -279,8 +279,8 @@ static void prefetch_photos(const sgs_scene *scene, sgs_split split, size_t next
 }
 
 // Scores the views of this rank, with a model that every rank has.
-static bool score_own(const evaluator *evaluation, sgs_split split, const char *label,
-                      evaluate_save save, void *context, rank_score *scores)
+static bool score_own(evaluator *evaluation, sgs_split split, const char *label, evaluate_save save,
+                      void *context, rank_score *scores)
 {
     const size_t total = scene_split_count(evaluation->scene, split), count = (size_t)group_count();
     size_t number = 0;
@@ -317,28 +317,25 @@ static size_t next_views(const sgs_scene *scene, sgs_split split, size_t *next, 
 }
 
 // All ranks draw each of `count` views; rank i scores view i. Collective.
-static bool score_round(const evaluator *evaluation, const size_t *views, size_t count,
+static bool score_round(evaluator *evaluation, const size_t *views, size_t count,
                         rank_score *scores)
 {
     const size_t rank = (size_t)sgs_ranks_rank(group_ranks());
     const sgs_view *own = rank < count ? &evaluation->scene->views[views[rank]] : NULL;
-    sgs_frame frame = {0};
-    sgs_status status =
-        own ? sgs_frame_create(own->camera.width, own->camera.height, &frame) : SGS_STATUS_OK;
+    sgs_status status = own ? prepare_frame(evaluation, own) : SGS_STATUS_OK;
     for (size_t i = 0; i < count && (!status || !i); ++i)
-        status =
-            sgs_rank_renderer_render(evaluation->rank_renderer, status, views[i], (int)i, &frame);
+        status = sgs_rank_renderer_render(evaluation->rank_renderer, status, views[i], (int)i,
+                                          &evaluation->frame);
     if (status)
         fail_library(); // that of all ranks
     else if (own)
         scores[views[rank]].is_scored =
-            score_frame(evaluation, own, &frame, &scores[views[rank]].score, NULL);
-    sgs_frame_free(&frame);
+            score_frame(evaluation, own, &scores[views[rank]].score, NULL);
     return group_all(!status && (!own || scores[views[rank]].is_scored));
 }
 
 // Scores views with a model that the ranks share. Collective.
-static bool score_together(const evaluator *evaluation, sgs_split split, const char *label,
+static bool score_together(evaluator *evaluation, sgs_split split, const char *label,
                            rank_score *scores)
 {
     const sgs_scene *scene = evaluation->scene;
@@ -381,8 +378,8 @@ static bool share_scores(size_t views, rank_score *scores)
     return done;
 }
 
-bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *label,
-                    evaluate_save save, void *context, rank_score *scores)
+bool evaluate_views(evaluator *evaluation, sgs_split split, const char *label, evaluate_save save,
+                    void *context, rank_score *scores)
 {
     const bool done = evaluation->rank_renderer
                           ? score_together(evaluation, split, label, scores)
@@ -391,7 +388,7 @@ bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *la
     return group_all(done) && share_scores(evaluation->scene->view_count, scores);
 }
 
-bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score)
+bool evaluate_split(evaluator *evaluation, sgs_split split, split_score *score)
 {
     *score = (split_score){0};
     split_score sum = {0};

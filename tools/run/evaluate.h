@@ -17,6 +17,7 @@ typedef struct evaluator {
     sgs_rank_renderer *rank_renderer;
     sgs_render_options render;
     float background[3];
+    sgs_frame frame; // of the last view: most have the same size
     // Set after opening, or left NULL:
     const json_t *exposures; // of OUT/exposure.json
     const sgs_lpips *lpips;
@@ -52,7 +53,7 @@ typedef struct view_images {
 
 // Scores one view. `images`, if not NULL, receives the images. False after printing the error;
 // `images` is then empty.
-bool evaluate_view(const evaluator *evaluation, const sgs_view *view, view_score *score,
+bool evaluate_view(evaluator *evaluation, const sgs_view *view, view_score *score,
                    view_images *images);
 void view_images_free(view_images *images);
 
@@ -81,11 +82,11 @@ typedef struct rank_score {
 // with the images of each own view, or NULL; NULL for a shared model. False after printing the
 // error. Collective.
 typedef bool (*evaluate_save)(void *context, size_t view, const view_images *images);
-bool evaluate_views(const evaluator *evaluation, sgs_split split, const char *label,
-                    evaluate_save save, void *context, rank_score *scores);
+bool evaluate_views(evaluator *evaluation, sgs_split split, const char *label, evaluate_save save,
+                    void *context, rank_score *scores);
 
 // Scores a split. A request to stop (interrupt.h) ends it early with images = 0.
-bool evaluate_split(const evaluator *evaluation, sgs_split split, split_score *score);
+bool evaluate_split(evaluator *evaluation, sgs_split split, split_score *score);
 
 enum { SHARPNESS_TEXT = 32 };
 // The sharpness right-aligned in `width` columns, "-" if it is NaN. Returns `text`.

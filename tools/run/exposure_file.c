@@ -14,6 +14,8 @@
 #include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "run/display_planes.h"
+#include "sparegs/runtime.h"
 
 bool exposure_write(const char *path, const sgs_scene *scene, const sgs_trainer *trainer)
 {
@@ -203,16 +205,31 @@ void exposure_fit(float *const drawn[3], const float *transmittance, float *cons
             map[4 * c + k] = solved ? b[k][c] : k == c;
 }
 
+typedef struct apply_job {
+    float *const *planes;
+    const float *transmittance;
+    const double *map;
+} apply_job;
+
+static void apply_range(void *context, size_t begin, size_t end)
+{
+    const apply_job *job = context;
+    float *const *planes = job->planes;
+    const double *map = job->map;
+    for (size_t i = begin; i < end; ++i) {
+        const double image[3] = {(double)planes[0][i], (double)planes[1][i], (double)planes[2][i]};
+        for (size_t c = 0; c < 3; ++c)
+            planes[c][i] = (float)(map[4 * c] * image[0] + map[4 * c + 1] * image[1] +
+                                   map[4 * c + 2] * image[2] +
+                                   map[4 * c + 3] * opacity_at(job->transmittance, i));
+    }
+}
+
 void exposure_apply(float *const planes[3], const float *transmittance, size_t pixels,
                     const double map[12])
 {
-    for (size_t i = 0; i < pixels; ++i) {
-        const double image[3] = {(double)planes[0][i], (double)planes[1][i], (double)planes[2][i]};
-        for (int c = 0; c < 3; ++c)
-            planes[c][i] =
-                (float)(map[4 * c] * image[0] + map[4 * c + 1] * image[1] +
-                        map[4 * c + 2] * image[2] + map[4 * c + 3] * opacity_at(transmittance, i));
-    }
+    apply_job job = {planes, transmittance, map};
+    sgs_parallel_ranges(pixels, PIXELS_AT_ONCE, apply_range, &job);
 }
 
 uint16_t *exposure_right_half(const uint16_t *valid_mask, int width, int height)

@@ -136,7 +136,10 @@ typedef struct sgs_scaling {
 // Predicted speed-up of `cores` over one core, with a total bandwidth of `memory_gbs` (10^9 bytes
 // per second). The work, (seconds - serial - waiting) * threads (or the cores they had, if fewer),
 // is divided evenly, that of macrotiles in whole macrotiles, but takes at least the time to move
-// the bytes. The serial part remains (Amdahl's law). 1 if the times are not positive.
+// the bytes. The serial part remains (Amdahl's law). Omitted are the waits at the ends of other
+// loops, of which the backward pass has two per 2^14 slots of each thread, one slot per (tile,
+// primitive): its tiles and buckets of primitives are the work items. 1 if the times are not
+// positive.
 SGS_API double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double memory_gbs);
 
 // ---- Several machines ----

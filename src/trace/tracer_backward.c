@@ -14,18 +14,25 @@
 #include "base/core.h"
 #include "trace/tracer_state.h"
 
-enum { CHUNK_SLOTS = 1 << 18, CHUNK_TILES = 1 << 12, REDUCE_AHEAD = 12 };
+enum {
+    CHUNK_SLOTS = 1 << 18,
+    CHUNK_TILES = 1 << 12,
+    THREAD_SLOTS = 1 << 14, // of a chunk, with many threads: 1 MB
+    THREAD_TILES = 1 << 8,
+    REDUCE_AHEAD = 12
+};
 
 typedef struct backward_pass {
     sgsi_tracer *tracer;
     const sgsi_view *view;
     const sgsi_planes *planes;
     const float *d_color[3], *d_transmittance;
-    const sgsi_score_planes *score; // replaces the gradients, or NULL
-    size_t first_tile, last_tile;   // chunk [first_tile, last_tile) of rays->cells.tile_order
-    size_t first_cell, last_cell;   // of the chunk
-    size_t end_cell;                // of the piece
-    int bucket_shift;               // bucket of primitive id: id >> bucket_shift
+    const sgsi_score_planes *score;  // replaces the gradients, or NULL
+    size_t first_tile, last_tile;    // chunk [first_tile, last_tile) of rays->cells.tile_order
+    size_t first_cell, last_cell;    // of the chunk
+    size_t end_cell;                 // of the piece
+    size_t chunk_slots, chunk_tiles; // most of a chunk
+    int bucket_shift;                // bucket of primitive id: id >> bucket_shift
     size_t bucket_count;
 } backward_pass;
 
@@ -230,6 +237,15 @@ static void place_slots(const backward_pass *pass)
         tracer->slot_begin[i + 1] = tracer->slot_begin[i] + tile_list(pass, i)->count;
 }
 
+// Every chunk ends with two waits for the last thread, on its tiles and on its buckets; with many
+// threads it is therefore larger. No sum depends on it.
+static void size_chunks(backward_pass *pass)
+{
+    const size_t threads = (size_t)sgsi_threads();
+    pass->chunk_slots = threads * THREAD_SLOTS > CHUNK_SLOTS ? threads * THREAD_SLOTS : CHUNK_SLOTS;
+    pass->chunk_tiles = threads * THREAD_TILES > CHUNK_TILES ? threads * THREAD_TILES : CHUNK_TILES;
+}
+
 // Extends the chunk that begins at first_cell by whole cells.
 static void choose_chunk(backward_pass *pass)
 {
@@ -237,8 +253,10 @@ static void choose_chunk(backward_pass *pass)
     const sgsi_cells *cells = &pass->view->rays->cells;
     pass->first_tile = cells->tile_begin[pass->first_cell];
     size_t last = pass->first_cell + 1;
-    while (last < pass->end_cell && cells->tile_begin[last + 1] - pass->first_tile <= CHUNK_TILES &&
-           slot_begin[cells->tile_begin[last + 1]] - slot_begin[pass->first_tile] <= CHUNK_SLOTS)
+    while (last < pass->end_cell &&
+           cells->tile_begin[last + 1] - pass->first_tile <= pass->chunk_tiles &&
+           slot_begin[cells->tile_begin[last + 1]] - slot_begin[pass->first_tile] <=
+               pass->chunk_slots)
         ++last;
     pass->last_cell = last;
     pass->last_tile = cells->tile_begin[last];
@@ -254,10 +272,11 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
     pass->end_cell = tracer->has_piece ? tracer->piece.last : cells->count;
     memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
     choose_buckets(pass);
+    size_chunks(pass);
+    const size_t tiles = cells->tiles < pass->chunk_tiles ? cells->tiles : pass->chunk_tiles;
     sgs_status status = sgsi_tracer_prepare_threads(tracer);
     if (!status)
-        status = reserve_buckets(tracer, (cells->tiles < CHUNK_TILES ? cells->tiles : CHUNK_TILES) *
-                                             (pass->bucket_count + 2));
+        status = reserve_buckets(tracer, tiles * (pass->bucket_count + 2));
     if (!status)
         status = reserve_cell_sums(tracer);
     if (!status && tracer->has_piece)
@@ -269,7 +288,7 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
         choose_chunk(pass);
         const size_t slots =
             tracer->slot_begin[pass->last_tile] - tracer->slot_begin[pass->first_tile];
-        status = reserve_slots(tracer, slots > CHUNK_SLOTS ? slots : CHUNK_SLOTS);
+        status = reserve_slots(tracer, slots > pass->chunk_slots ? slots : pass->chunk_slots);
         if (status)
             return status;
         sgsi_parallel_for(pass->last_tile - pass->first_tile, 1, backward_tile, pass);

@@ -109,7 +109,7 @@ static void assert_equal_sums(const plain_sums *expected, const sgsi_tracer *tra
     assert_true(found > expected->count / 8);
 }
 
-// Random gradients of a traced view, and its sums with 1 to 5 threads.
+// Random gradients of a traced view, and its sums with 1 to 64 threads.
 static void compare(traced_view *traced, size_t count)
 {
     sgsi_planes incoming = traced_planes_create(traced->camera.width, traced->camera.height);
@@ -121,8 +121,9 @@ static void compare(traced_view *traced, size_t count)
             planes[k][i] = (float)oracle_normal(&random);
     const float *const gradients[4] = {planes[0], planes[1], planes[2], planes[3]};
     plain_sums expected = add_all(traced, gradients, count);
-    for (int threads = 1; threads <= 5; threads += 2) {
-        sgsi_threads_set(threads);
+    static const int threads[] = {1, 2, 5, 64};
+    for (size_t k = 0; k < sizeof threads / sizeof *threads; ++k) {
+        sgsi_threads_set(threads[k]);
         traced_forward(traced, NULL); // state of the threads
         assert_int_equal(sgsi_tracer_backward(traced->tracer, &traced->view, &traced->planes,
                                               incoming.color, incoming.transmittance),
@@ -162,10 +163,32 @@ static void sums_follow_the_curve_of_the_cells(void **state)
     oracle_scene_free(&scene);
 }
 
+// One thread adds the slots in several chunks, 64 in one.
+static void sums_do_not_depend_on_the_size_of_the_chunks(void **state)
+{
+    (void)state;
+    const sgs_pose pose = oracle_pose_look_at(0.2, -0.3, -4);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 640, 333);
+    oracle_range range = oracle_range_default();
+    range.opacity_low = 0.01, range.opacity_high = 0.04;
+    oracle_scene scene = oracle_random_model(8, 14000, &range);
+    traced_view traced =
+        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 2, SGSI_BVH_REFIT);
+    size_t slots = 0;
+    for (size_t i = 0; i < traced.rays->cells.tiles; ++i)
+        slots += sgsi_tracer_lists(traced.tracer)[i].count;
+    print_message("%zu slots\n", slots);
+    assert_true(slots > 2 << 18 && slots < 64 << 14);
+    compare(&traced, scene.count);
+    traced_destroy(&traced);
+    oracle_scene_free(&scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(sums_follow_the_curve_of_the_cells, traced_restore),
+        cmocka_unit_test_teardown(sums_do_not_depend_on_the_size_of_the_chunks, traced_restore),
     };
     return cmocka_run_group_tests(tests, traced_prepare, NULL);
 }

@@ -9,6 +9,7 @@
 #include "cli/interrupt.h"
 #include "cli/model_path.h"
 #include "cli/model_reader.h"
+#include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/value_order.h"
 
@@ -146,7 +147,25 @@ int model_output_format(const char *path, sgs_model_format *format)
         return fail_usage("%s: a page cannot be read as a model; write a .ply, and make the page "
                           "with 'sparegs convert'",
                           path);
-    return -1;
+    return model_check_manifest(path);
+}
+
+int model_check_manifest(const char *path)
+{
+    static const char *const names[] = {"meta.json", "lod-meta.json"};
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    int status = -1;
+    for (int k = 0; k < 2; ++k) {
+        if (strcmp(name, names[k]) != 0)
+            continue;
+        char *other = format_text("%.*s%s", (int)(name - path), path, names[1 - k]);
+        if (file_exists(other))
+            status = fail_usage("%s: %s is in the same folder, which can hold one model; choose "
+                                "another folder",
+                                path, other);
+        free(other);
+    }
+    return status;
 }
 
 // name: of the format, which cannot record the colours.

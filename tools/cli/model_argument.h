@@ -53,6 +53,11 @@ sgs_model_write_options model_write_options(const drawing_values *drawing);
 // printing the error: an unknown format, or a page that only shows a model.
 int model_output_format(const char *path, sgs_model_format *format);
 
+// Rejects a meta.json next to a lod-meta.json and vice versa, because readers would find two models
+// in the folder. Returns -1 to continue, or EXIT_USAGE after printing the error. Part of
+// model_output_format.
+int model_check_manifest(const char *path);
+
 // Warns if the format cannot record what the options say about the model. path: the file.
 void model_warn_unmarked(const char *path, sgs_model_format format,
                          const sgs_model_write_options *options);

@@ -18,6 +18,7 @@
 #include "cli/option_values.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/resolved_path.h"
 #include "cli/run_files.h"
 
 enum { HELP_INDENT = 30, HELP_WIDTH = 100, NEEDS_MOST = 200 };
@@ -322,10 +323,27 @@ static bool is_manifest(const struct stat *info, const char *folder)
     return is;
 }
 
+// True if `path` is or would be below the folder of a SOG model with levels of detail, `model`: its
+// folder or its lod-meta.json. The files of the levels are there.
+static bool is_part_of_levels(const char *path, const char *model)
+{
+    static const char name[] = "lod-meta.json";
+    const char *slash = strrchr(model, '/'), *last = slash ? slash + 1 : model;
+    const bool is_named = !strcmp(last, name);
+    char *folder = !is_named ? format_text("%s", model)
+                   : slash   ? format_text("%.*s", (int)(slash - model), model)
+                             : format_text(".");
+    char *manifest = format_text("%s/%s", folder, name);
+    const bool is = file_exists(manifest) && path_is_below(path, folder);
+    free(manifest);
+    free(folder);
+    return is;
+}
+
 bool same_file(const char *a, const char *b)
 {
     struct stat first, second;
-    if (!strcmp(a, b))
+    if (!strcmp(a, b) || is_part_of_levels(a, b))
         return true;
     if (stat(a, &first) || stat(b, &second))
         return same_entry(a, b);
@@ -373,6 +391,20 @@ static int check_apart(const command_line *line, const option *output, const cha
 static const char *output_of(const option_group *group, size_t i)
 {
     return group->options[i].path == PATH_OUTPUT ? path_of(group, i) : NULL;
+}
+
+const char *option_next_output(const command_line *line, size_t *at)
+{
+    enum { MOST = 64 }; // options of a group
+    const char *path = NULL;
+    for (; !path && *at < line->group_count * MOST; ++*at) {
+        const option_group *group = &line->groups[*at / MOST];
+        const size_t i = *at % MOST;
+        if (i < group->count &&
+            (group->options[i].path == PATH_OUTPUT || !strcmp(group->options[i].name, "output")))
+            path = path_of(group, i);
+    }
+    return path;
 }
 
 int refuse_outputs_at(const command_line *line, const char *input)

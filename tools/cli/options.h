@@ -129,11 +129,15 @@ bool option_set(const command_line *line, const char *name);
 int refuse_idle(const command_line *line, const char *names, const char *why);
 void warn_idle(const command_line *line, const char *names, const char *why);
 // True if both are the same name, the same existing file, or the same name in the same folder, or
-// if `a` is the manifest of the SOG model in the folder `b`.
+// if `a` is the manifest of the SOG model in the folder `b`, or anything in the folder of the SOG
+// model with levels of detail `b`.
 bool same_file(const char *a, const char *b);
 // Refuses output options that name `input`, such as the model in a run folder: returns -1 to
 // continue, or EXIT_USAGE. The parser has checked them against the operands.
 int refuse_outputs_at(const command_line *line, const char *input);
+// The next path of an output option that was given, a file or a folder; NULL after the last. *at
+// counts from 0.
+const char *option_next_output(const command_line *line, size_t *at);
 // Refuses the output --name, which would replace an input; returns EXIT_USAGE.
 int refuse_input(const char *name, const char *path);
 // Refuses the output --name, which would replace a file of a run or an experiment (run_files.h):

@@ -10,6 +10,7 @@
 
 #include "cli/json_file.h"
 #include "cli/output.h"
+#include "cli/resolved_path.h"
 #include "sparegs/run.h"
 
 const char *const run_entries[RUN_ENTRIES] = {
@@ -68,22 +69,6 @@ static bool is_experiment(const char *folder)
     return is;
 }
 
-// The absolute path; the part that exists without symbolic links. Release with free().
-static char *resolve(const char *path)
-{
-    char *whole = format_text("%s%s", *path == '/' ? "" : "./", path);
-    char *head = format_text("%s", whole), *real = realpath(head, NULL);
-    for (char *slash; !real && (slash = strrchr(head, '/'));) {
-        *slash = 0;
-        real = realpath(*head ? head : "/", NULL);
-    }
-    char *joined = format_text("%s%s", real && strcmp(real, "/") ? real : "", whole + strlen(head));
-    free(real);
-    free(head);
-    free(whole);
-    return joined;
-}
-
 // Cuts the last name off a path and returns it.
 static const char *cut_name(char *path)
 {
@@ -99,7 +84,7 @@ static const char *cut_name(char *path)
 
 const char *run_file_owner(const char *path, const char *out)
 {
-    char *folder = resolve(path), *next = out ? resolve(out) : NULL;
+    char *folder = resolve_path(path), *next = out ? resolve_path(out) : NULL;
     const char *name = cut_name(folder), *owner = NULL;
     if (IS_AMONG(name, experiment_files)) {
         owner = is_experiment(folder) ? "an experiment" : NULL;

@@ -17,6 +17,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
+#include "cli/scene_files.h"
 #include "sparegs/runtime.h"
 
 static const option common_options[] = {
@@ -221,6 +222,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
     scene_share_memory(values, line, 0);
     const int splits = option_given(line, "eval") + option_given(line, "test-every") +
                        option_given(line, "test-images");
+    values->line = line;
     if (splits > 1)
         return fail_usage(
             "--eval, --test-every and --test-images are mutually exclusive; choose one");
@@ -341,6 +343,10 @@ static sgs_scene *open_scene(const char *path, const scene_values *values, bool 
         note_cache(scene, values->cache_bytes);
     free(held_out);
     free(kept);
+    if (scene && values->line && !scene_files_admit_outputs(scene, values->line)) {
+        sgs_scene_destroy(scene);
+        scene = NULL;
+    }
     return scene;
 }
 

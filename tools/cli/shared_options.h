@@ -38,6 +38,8 @@ typedef struct scene_values {
     bool own_split;     // --eval, or no run and no option: the test views of the data set
     bool measure_white; // also if scene_open does not load the images
     bool headers_only;  // scene_open without images does not look for truncated files
+    // From scene_resolve, borrowed: the command, whose outputs must not replace files of the scene.
+    const command_line *line;
 } scene_values;
 
 option_group scene_group(scene_values *values);
@@ -75,7 +77,8 @@ void scene_share_memory(scene_values *values, const command_line *line, uint64_t
             "derived from it"                                                                      \
     }
 // Loads the scene; NULL after printing the error, or when a signal ended the loading
-// (interrupt_was_cancelled).
+// (interrupt_was_cancelled). An output of the command that would replace a file of the scene is an
+// error.
 sgs_scene *scene_open(const char *path, const scene_values *values, bool load_images);
 // The same without images, and without an error if there are no photos. width, height: size of
 // views for which neither camera file nor photo gives one, or 0.

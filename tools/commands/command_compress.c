@@ -400,6 +400,20 @@ static void warn_idle_options(const command_line *line, const compress_values *v
         warn_idle(line, TRAINING_OPTIONS, "without fine-tuning or distillation");
 }
 
+// False after printing the error if FILE would replace a file of a SCENE that the method does not
+// read.
+static bool spares_unread(const command_call *call, const compress_values *values,
+                          const scene_values *data)
+{
+    if (call->line.operand_count < 2 || !file_exists(values->output))
+        return true;
+    messages_hear_library(false);
+    sgs_scene *scene = scene_open_cameras(call->line.operands[1], data, 0, 0);
+    messages_hear_library(true);
+    sgs_scene_destroy(scene);
+    return scene != NULL;
+}
+
 static int run_compress(const command_call *call, const compress_values *values, scene_values *data,
                         drawing_values *drawing, model_path *located)
 {
@@ -407,6 +421,8 @@ static int run_compress(const command_call *call, const compress_values *values,
     sgs_scene *scene = NULL;
     sgs_gaussians *model = NULL;
     int status = model_scene_resolve(data, &call->line, located);
+    if (status < 0 && !views && !spares_unread(call, values, data))
+        status = EXIT_FAILED;
     if (status >= 0)
         return status;
     if (views) {

@@ -19,6 +19,7 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/run_files.h"
+#include "cli/scene_files.h"
 #include "cli/shared_options.h"
 #include "draw/region_map.h"
 #include "run/model_filter.h"
@@ -615,7 +616,9 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     bool done = usage < 0;
     if (done && line->operand_count == 3) {
         scene = scene_open(line->operands[2], data, false);
-        done = scene != NULL;
+        scene_files files = scene_files_of(scene);
+        done = scene && scene_files_admit(&files, out, "choose another file");
+        scene_files_free(&files);
     }
     const size_t input = opened.gaussians->count + opened.info.dropped;
     const model_marks marks = {.antialiased = plan->values->antialiased == ANTIALIASED_AUTO
@@ -677,6 +680,9 @@ int command_convert(int argc, char **argv)
     const char *owner = run_file_owner(out, NULL);
     if (owner)
         return fail_usage("OUT: %s is a file of %s; choose another file", out, owner);
+    const int manifest = model_check_manifest(out);
+    if (manifest >= 0)
+        return manifest;
     if (!check_output(out))
         return EXIT_FAILED;
     interrupt_watch();

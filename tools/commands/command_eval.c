@@ -248,9 +248,7 @@ static bool evaluate_all(evaluator *evaluation, const image_choice *images, cons
     const sgs_view *views = evaluation->scene->views;
     const size_t count = evaluation->scene->view_count;
     char **stems = save ? file_stems(&views->name, sizeof *views, count) : NULL;
-    bool ready = !save || stems;
-    for (size_t v = 0; save && ready && v < count; ++v)
-        ready = photo_guard_admits(evaluation->scene, save, stems[v]);
+    bool ready = !save || (stems && photo_guard_admits_saved(evaluation->scene, save, stems));
     ready = ready && (!save || (make_folder(save) && check_writable(save)));
     if (!group_all(ready)) {
         file_stems_free(stems, count);

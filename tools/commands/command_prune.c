@@ -17,6 +17,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "cli/scene_files.h"
 #include "cli/standard_output.h"
 #include "run/exposure_file.h"
 #include "run/finetune.h"
@@ -494,6 +495,21 @@ static int check_outputs(const pruning *p)
     return status;
 }
 
+// False after printing the error if a file of a ratio would replace a file of the scene; the parser
+// and scene_open do not know these names.
+static bool spares_scene(const pruning *p)
+{
+    scene_files files = scene_files_of(p->scene);
+    bool spares = true;
+    for (int k = 0; k < p->ratios.count && spares; ++k) {
+        char *path = output_path(p, k);
+        spares = scene_files_admit(&files, path, "choose another folder");
+        free(path);
+    }
+    scene_files_free(&files);
+    return spares;
+}
+
 static bool make_output(pruning *p, int k)
 {
     sgs_gaussians *pruned = prune_model(p, p->ratios.values[k]);
@@ -540,7 +556,7 @@ static bool open_scene(pruning *p, const scene_values *data)
 {
     if (p->line->operand_count > 1) {
         p->scene = scene_open(p->line->operands[1], data, p->values->finetune > 0);
-        if (!p->scene)
+        if (!p->scene || !spares_scene(p))
             return false;
         if (p->located.run)
             run_record_check_scene(p->located.run, p->scene);

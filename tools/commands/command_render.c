@@ -501,16 +501,15 @@ static unsigned camera_formats(const render_values *values)
     return values->save_cameras ? values->save_cameras : is_path ? CAMERAS_JSON : 0;
 }
 
-// False after printing the error if the frames or the camera files would replace photos, the
-// cameras of a run, or those of --camera.
+// False after printing the error if the frames or the camera files would replace photos, the video,
+// the cameras of a run, or those of --camera.
 static bool spares_inputs(const render_values *values, const sgs_scene *scene,
                           const camera_list *cameras)
 {
-    bool spares = true;
-    for (size_t i = 0; values->output && i < cameras->count && spares; ++i)
-        spares = photo_guard_admits(scene, values->output, cameras->cameras[i].stem);
-    if (!spares || !values->output)
-        return spares;
+    const frame_outputs outputs = {values->output, values->aovs, values->format != FORMAT_EXR,
+                                   values->deep, values->film};
+    if (!values->output || !photo_guard_admits_frames(scene, &outputs, cameras))
+        return !values->output;
     const unsigned formats = camera_formats(values);
     char *json = format_text("%s/cameras.json", values->output),
          *chan = format_text("%s/cameras.chan", values->output),

@@ -525,24 +525,37 @@ bool frame_write_png(const frame_files *files, const sgs_frame *frame)
 
 // ---- Files of an earlier command ----
 
-// False for an empty file, which a full disk or another program may leave.
-static bool has_file(const char *folder, const char *stem, const char *suffix)
+static bool visit_file(const char *folder, const char *stem, const char *suffix,
+                       frame_files_fn visit, void *context)
 {
-    struct stat info;
     char *path = format_text("%s/%s%s", folder, stem, suffix);
-    const bool has = !stat(path, &info) && S_ISREG(info.st_mode) && info.st_size > 0;
+    const bool continues = visit(path, context);
     free(path);
-    return has;
+    return continues;
+}
+
+bool frame_files_each(const char *folder, const char *stem, unsigned aovs, bool png, bool deep,
+                      frame_files_fn visit, void *context)
+{
+    bool continues = (png || visit_file(folder, stem, flat_suffix, visit, context)) &&
+                     (!deep || visit_file(folder, stem, deep_suffix, visit, context));
+    for (int k = 0; k < AOV_ROWS && continues && png; ++k) {
+        char suffix[SUFFIX_LENGTH];
+        picture_suffix(k, suffix);
+        continues = !(aovs >> k & 1) || visit_file(folder, stem, suffix, visit, context);
+    }
+    return continues;
+}
+
+// A frame_files_fn. False for an empty file, which a full disk or another program may leave.
+static bool has_file(const char *path, void *context)
+{
+    (void)context;
+    struct stat info;
+    return !stat(path, &info) && S_ISREG(info.st_mode) && info.st_size > 0;
 }
 
 bool frame_files_exist(const char *folder, const char *stem, unsigned aovs, bool png, bool deep)
 {
-    bool exist = (png || has_file(folder, stem, flat_suffix)) &&
-                 (!deep || has_file(folder, stem, deep_suffix));
-    for (int k = 0; k < AOV_ROWS && exist && png; ++k) {
-        char suffix[SUFFIX_LENGTH];
-        picture_suffix(k, suffix);
-        exist = !(aovs >> k & 1) || has_file(folder, stem, suffix);
-    }
-    return exist;
+    return frame_files_each(folder, stem, aovs, png, deep, has_file, NULL);
 }

@@ -62,7 +62,12 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame);
 // Writes FOLDER/STEM.png and FOLDER/STEM.AOV.png.
 bool frame_write_png(const frame_files *files, const sgs_frame *frame);
 
-// True if all files exist that frame_write_png, or else frame_write_exr, and with `deep`
-// deep_file_close would write, and none is empty. They are complete then: each is written as a
+// Calls `visit` with the path of each file that frame_write_png, or else frame_write_exr, and with
+// `deep` deep_file_close would write, until it returns false. True if it never did.
+typedef bool (*frame_files_fn)(const char *path, void *context);
+bool frame_files_each(const char *folder, const char *stem, unsigned aovs, bool png, bool deep,
+                      frame_files_fn visit, void *context);
+
+// True if all these files exist and none is empty. They are complete then: each is written as a
 // whole.
 bool frame_files_exist(const char *folder, const char *stem, unsigned aovs, bool png, bool deep);

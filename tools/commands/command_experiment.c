@@ -20,6 +20,7 @@
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
 #include "cli/sub_command.h"
+#include "plan/earlier_results.h"
 #include "plan/experiment_plan.h"
 #include "run/lock_file.h"
 #include "run/rank_work.h"
@@ -130,12 +131,13 @@ static bool plan_agrees(const experiment_run *run)
     return agrees;
 }
 
-static bool plans_agree(const experiment_plan *plan)
+// The same for the runs and the results in the folder.
+static bool plans_agree(const experiment_plan *plan, const char *folder)
 {
     for (size_t i = 0; i < plan->count; ++i)
         if (!plan_agrees(&plan->runs[i]))
             return false;
-    return true;
+    return earlier_results_admit(folder, plan);
 }
 
 // Records the settings of a run before it starts.
@@ -319,6 +321,8 @@ static bool write_results_locked(const experiment_plan *plan, const char *folder
     char *post_path = format_text("%s/post.csv", folder);
     const bool written = write_json(json_path, root) && write_text(csv_path, csv) &&
                          (!plan->post.count || write_text(post_path, points));
+    if (written && !plan->post.count)
+        earlier_results_drop_post(folder);
     free(json_path);
     free(csv_path);
     free(post_path);
@@ -570,7 +574,7 @@ static int experiment(const command_line *line, const experiment_values *values,
         return EXIT_FAILED;
     int status = EXIT_FAILED;
     if (!rank_work_agrees(&(rank_work){line, NULL, describe_runs, &plan}) ||
-        (values->output && !plans_agree(&plan))) {
+        !group_all(!values->output || plans_agree(&plan, values->output))) {
         experiment_plan_free(&plan);
         return status;
     }

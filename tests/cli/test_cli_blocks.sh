@@ -184,6 +184,20 @@ check stdout_is_the_summary test "$(jq -Sc . "$temporary/stdout")" = "$(jq -Sc .
 run 0 merge "$dir" -o "$temporary/without" --seam-images 0
 run 2 merge "$dir" -o "$temporary/idle" --seam-images 0 --seam-reference none
 json "$temporary/without/summary.json" '.seams == null'
+# merge_does_not_replace_its_inputs
+inputs() { (cd "$dir" && find . -type f ! -name .lock -exec sha256sum {} + | LC_ALL=C sort); }
+before=$(inputs)
+ln -s "$dir/block_1" "$temporary/linked_block"
+for case in "$dir/block_0:is a block of this command" "$dir/../blocks/block_2/:is a block of this command" \
+    "$temporary/linked_block:is a block of this command" "$dir/coarse:is the model that the blocks started from"; do
+    run 1 merge "$dir" -o "${case%%:*}" --overwrite --seam-images 0
+    one_line
+    path=${case%%:*}
+    reports "${path%/}: ${case#*:}; choose another folder with -o"
+done
+run 1 merge "$dir" -o "$temporary/merged" --overwrite --seam-reference "$temporary/merged"
+reports "merged: is the model of --seam-reference; choose another folder with -o"
+check the_inputs_are_intact test "$before" = "$(inputs)"
 # a_moved_folder_of_blocks_is_complete: its coarse model is found, its scripts and --resume work there
 compared=$(jq -c .seams "$temporary/merged/summary.json")
 mv "$dir" "$temporary/moved"

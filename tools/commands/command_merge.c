@@ -19,6 +19,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "cli/resolved_path.h"
 #include "cli/shared_options.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
@@ -259,9 +260,39 @@ static int read_inputs(merging *m, const command_line *line)
     return interrupt_signal() ? interrupt_status() : read ? -1 : EXIT_FAILED;
 }
 
+// True if a model named by an option is a part of the run in OUT.
+static bool is_in_output(const merging *m, const char *model)
+{
+    char *clouds = format_text("%s/point_cloud", m->values->output);
+    const bool is = path_is_same(model, m->values->output) || path_is_below(model, clouds);
+    free(clouds);
+    return is;
+}
+
+// False after printing the error if OUT is an input: --overwrite would move it to OUT/previous.
+static bool spares_inputs(const merging *m)
+{
+    const char *out = m->values->output, *given = m->values->reference,
+               *start = json_string_value(config_option(m->blocks.configs[0], "init"));
+    char *coarse = format_text("%s/coarse", m->blocks.folder);
+    const char *role = path_is_same(coarse, out) || (start && is_in_output(m, start))
+                           ? "is the model that the blocks started from"
+                       : given && is_in_output(m, given) ? "is the model of --seam-reference"
+                                                         : NULL;
+    for (size_t b = 0; b < m->blocks.plan.count && !role; ++b) {
+        char *block = format_text("%s/block_%zu", m->blocks.folder, b);
+        role = path_is_same(block, out) ? "is a block of this command" : NULL;
+        free(block);
+    }
+    free(coarse);
+    if (role)
+        fail_run("%s: %s; choose another folder with -o", out, role);
+    return !role;
+}
+
 static int merge(merging *m, const command_line *line)
 {
-    if (!merged_blocks_check(&m->blocks, line->operands[0]) ||
+    if (!merged_blocks_check(&m->blocks, line->operands[0]) || !spares_inputs(m) ||
         !run_folder_prepare(&m->folder, m->values->output) ||
         !run_folder_admits(&m->folder, m->values->overwrite, "replace it with --overwrite"))
         return EXIT_FAILED;

@@ -208,13 +208,12 @@ static json_t *config_of(const training *run)
 
 // Moves an earlier run away and writes the first files, config.json last: it marks OUT as a run. If
 // writing fails, the earlier run is restored.
-static bool begin_run(training *run, const char *config_path, json_t *config)
+static bool begin_run(training *run, json_t *config)
 {
     const bool replaces = !run->values.resume && run_folder_is_used(&run->folder);
     if (replaces && !run_folder_set_aside(&run->folder))
         return false;
-    const bool written = run_folder_write_inputs(&run->folder, run->scene, run->trainer) &&
-                         write_json(config_path, json_incref(config));
+    const bool written = run_folder_mark(&run->folder, run->scene, run->trainer, config);
     if (!replaces)
         return written;
     if (!written)
@@ -223,7 +222,7 @@ static bool begin_run(training *run, const char *config_path, json_t *config)
 }
 
 // Of rank 0, which alone uses the folder.
-static bool open_own_folder(training *run, const char *config_path, json_t *config, bool resumed)
+static bool open_own_folder(training *run, json_t *config, bool resumed)
 {
     const int iteration = sgs_trainer_iteration(run->trainer),
               structure = sgs_trainer_structure_iteration(run->trainer);
@@ -231,8 +230,7 @@ static bool open_own_folder(training *run, const char *config_path, json_t *conf
         train_config_record(run->values.output, run->stored, config, iteration);
         print_note("%s: resuming at iteration %d", run->values.output, iteration);
     }
-    return begin_run(run, config_path, config) &&
-           run_folder_open_tables(&run->folder, iteration, structure) &&
+    return begin_run(run, config) && run_folder_open_tables(&run->folder, iteration, structure) &&
            region_file_cut(run->values.output, structure);
 }
 
@@ -243,8 +241,7 @@ static bool open_folder(training *run)
     const int found = group_leads() ? find_checkpoint(run, config_path, config) : 0;
     bool ready =
         group_all(found >= 0) && run_folder_load_shared(run->trainer, run->checkpoint, found);
-    ready = group_all(ready &&
-                      (!group_leads() || open_own_folder(run, config_path, config, found == 1)));
+    ready = group_all(ready && (!group_leads() || open_own_folder(run, config, found == 1)));
     run->train_seconds = ready ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);
     free(config_path);
@@ -704,6 +701,7 @@ int command_train(int argc, char **argv)
     sgs_trainer_destroy(run.trainer);
     sgs_scene_destroy(run.scene);
     sgs_lpips_destroy(run.lpips);
+    run_folder_unmark(&run.folder);
     json_decref(run.stored);
     json_decref(run.traffic);
     json_decref(run.per_rank);

@@ -22,6 +22,7 @@
 
 #include "cli/input_file.h"
 #include "cli/json_file.h"
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
@@ -428,8 +429,8 @@ static char *model_file(const run_folder *folder, int iteration)
     return format_text("%s/point_cloud/iteration_%d/point_cloud.ply", folder->path, iteration);
 }
 
-bool run_folder_write_inputs(const run_folder *folder, const sgs_scene *scene,
-                             const sgs_trainer *trainer)
+static bool write_inputs(const run_folder *folder, const sgs_scene *scene,
+                         const sgs_trainer *trainer)
 {
     const float *points;
     const unsigned char *colors;
@@ -443,6 +444,69 @@ bool run_folder_write_inputs(const run_folder *folder, const sgs_scene *scene,
     free(cameras);
     free(input);
     return written;
+}
+
+// Writes what marks the folder as that of the run, config.json last.
+static bool write_mark(const run_folder *folder, const sgs_trainer *trainer)
+{
+    char *path = format_text("%s/config.json", folder->path);
+    const bool written = write_inputs(folder, folder->scene, trainer) &&
+                         write_json(path, json_incref(folder->config));
+    free(path);
+    return written;
+}
+
+bool run_folder_mark(run_folder *folder, const sgs_scene *scene, const sgs_trainer *trainer,
+                     json_t *config)
+{
+    folder->config = json_incref(config);
+    folder->scene = scene;
+    return write_mark(folder, trainer);
+}
+
+void run_folder_unmark(run_folder *folder)
+{
+    json_decref(folder->config);
+    folder->config = NULL;
+}
+
+// Locks the new folder in place of the one that was moved or removed.
+static bool lock_again(run_folder *folder)
+{
+    const int old[] = {folder->lock, folder->shared_lock};
+    const bool locked = lock_folder(folder) && lock_shared(folder);
+    for (size_t k = 0; k < sizeof old / sizeof *old; ++k)
+        if (old[k] >= 0)
+            close(old[k]);
+    return locked;
+}
+
+// Opens tables in the new folder. If that fails, the old ones stay open.
+static bool open_tables_again(run_folder *folder, const sgs_trainer *trainer)
+{
+    run_folder fresh = *folder;
+    fresh.train_csv = fresh.spare_csv = fresh.sums_csv = NULL;
+    const bool opened = run_folder_open_tables(&fresh, sgs_trainer_iteration(trainer),
+                                               sgs_trainer_structure_iteration(trainer));
+    run_folder_close_tables(opened ? folder : &fresh);
+    if (opened)
+        *folder = fresh;
+    return opened;
+}
+
+// Before each save, of rank 0: OUT may have been moved or removed since the last one. False after
+// printing the error.
+static bool keep_marked(run_folder *folder, const sgs_trainer *trainer)
+{
+    if (!folder->config || run_folder_is_used(folder))
+        return true;
+    if (!folder->was_lost)
+        print_warning("%s: was moved or removed during the training; it is created again, without "
+                      "the earlier rows of its tables",
+                      folder->path);
+    folder->was_lost = true;
+    return make_folder(folder->path) && lock_again(folder) && open_tables_again(folder, trainer) &&
+           write_mark(folder, trainer);
 }
 
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
@@ -481,7 +545,7 @@ static bool save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
     const double start = clock_seconds();
     char *newest = checkpoint_path(folder, ""), *next = checkpoint_path(folder, ".next");
     char *previous = checkpoint_path(folder, ".previous");
-    bool saved = make_folder_of(newest);
+    bool saved = keep_marked(folder, trainer) && make_folder_of(newest);
     fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified,
             folder->pruned, folder->spare_pruned);
     fflush(folder->sums_csv);
@@ -624,13 +688,13 @@ static bool saved_too(bool before, sgs_status status)
     return before && !status;
 }
 
-bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
-                              sgs_trainer *trainer, int iteration)
+bool run_folder_share_trained(run_folder *folder, const sgs_scene *scene, sgs_trainer *trainer,
+                              int iteration)
 {
     char *path = model_file(folder, iteration);
     char *filtered = format_text("%s/point_cloud/iteration_%d/point_cloud_filter_3D.ply",
                                  folder->path, iteration);
-    bool saved = !group_leads() || make_folder_of(path);
+    bool saved = !group_leads() || (keep_marked(folder, trainer) && make_folder_of(path));
     saved = saved_too(saved, sgs_trainer_write_ply(trainer, path));
     if (sgs_trainer_filter_3d(trainer))
         saved = saved_too(saved, sgs_trainer_write_ply_filter_3d(trainer, filtered));

@@ -5,6 +5,7 @@
 // OUT, the folder of a training run: models, tables and checkpoints. Functions that return bool
 // print their error before they return false.
 
+#include <jansson.h>
 #include <stdbool.h>
 #include <stdio.h>
 
@@ -22,6 +23,9 @@ typedef struct run_folder {
     double checkpoint_rate;    // most seconds per byte of a checkpoint
     double checkpoint_at;      // clock_seconds() after the last one; 0: none yet
     int checkpoint_intervals;  // between periodic checkpoints since then; counted by the caller
+    json_t *config;            // owned; what run_folder_mark has written, or NULL
+    const sgs_scene *scene;    // borrowed; the same
+    bool was_lost;             // the folder was moved or removed, and there was a warning
 } run_folder;
 
 // Creates the folder, locks it until the process ends and checks that it is writable.
@@ -56,9 +60,14 @@ bool run_folder_has_results(const run_folder *folder);
 // updates after `structure_iteration`.
 bool run_folder_open_tables(run_folder *folder, int iteration, int structure_iteration);
 void run_folder_close_tables(run_folder *folder);
-// Writes cameras.json and, unless the trainer started from a model, input.ply.
-bool run_folder_write_inputs(const run_folder *folder, const sgs_scene *scene,
-                             const sgs_trainer *trainer);
+// Writes cameras.json, input.ply unless the trainer started from a model, and then config.json,
+// which marks OUT as a run. From then on, the functions that save write these files again, and new
+// tables, if OUT was moved or removed: otherwise the new OUT would be no run. The scene is borrowed
+// until run_folder_unmark.
+bool run_folder_mark(run_folder *folder, const sgs_scene *scene, const sgs_trainer *trainer,
+                     json_t *config);
+// Releases the config; at the end of the run.
+void run_folder_unmark(run_folder *folder);
 // Appends the row of the structural update of this step.
 void run_folder_record_update(run_folder *folder, const sgs_step_info *info);
 // Appends a row to train.csv when one is due; always if `last`.
@@ -72,8 +81,8 @@ bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model,
 // Mip-Splatting's 3D filter is fused into it and also saved separately; the colour maps of
 // --exposure are those of the saved model. The second writes OUT/checkpoint/state.bin and keeps the
 // previous one as state.previous.bin; the tables must be open.
-bool run_folder_share_trained(const run_folder *folder, const sgs_scene *scene,
-                              sgs_trainer *trainer, int iteration);
+bool run_folder_share_trained(run_folder *folder, const sgs_scene *scene, sgs_trainer *trainer,
+                              int iteration);
 bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer);
 bool run_folder_has_checkpoint(const run_folder *folder);
 // Removes the files of run_folder_share_checkpoint. Cannot fail: what cannot be removed stays.

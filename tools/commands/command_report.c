@@ -7,6 +7,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "cli/commands.h"
@@ -21,11 +22,13 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "report/report_tables.h"
+#include "report/table_file.h"
 #include "run/evaluate.h"
 #include "run/exposure_file.h"
 #include "run/region_file.h"
 
 extern const char report_page[]; // report_page.html, embedded by report_page.cmake
+static const char page_start[] = "<!DOCTYPE html>";
 
 static const char description[] =
     "Creates tables and an HTML page of an experiment (DIR of 'sparegs experiment'), complete or "
@@ -75,33 +78,7 @@ static const option report_options[] = {
      .help = "number of runs with SPARE-GS that are shown with region maps, about 200 KB each"},
 };
 
-// ---- Tables of a run ----
-
-// The rows of a CSV file as lists of numbers, without the header.
-static json_t *csv_rows(const char *folder, const char *name)
-{
-    char *path = format_text("%s/%s", folder, name), *line = NULL;
-    FILE *stream = open_input(path, NULL);
-    size_t room = 0;
-    json_t *rows = json_array();
-    for (bool first = true; stream && getline(&line, &room, stream) > 0; first = false) {
-        json_t *row = first ? NULL : json_array();
-        for (char *at = line; row && *at && *at != '\n';) {
-            char *end;
-            json_array_append_new(row, json_number(strtod(at, &end)));
-            if (end == at)
-                break;
-            at = end + (*end == ',');
-        }
-        if (row)
-            json_array_append_new(rows, row);
-    }
-    if (stream)
-        fclose(stream);
-    free(line);
-    free(path);
-    return rows;
-}
+// ---- A run ----
 
 static double number_at(const json_t *row, size_t k)
 {
@@ -173,7 +150,8 @@ static json_t *page_run(const char *folder, const json_t *run, bool mapped)
 {
     const json_t *summary = json_object_get(run, "summary");
     char *path = format_text("%s/%s", folder, json_string_value(json_object_get(run, "folder")));
-    json_t *train = csv_rows(path, "train.csv"), *spare = csv_rows(path, "spare.csv");
+    json_t *train = table_file_rows(path, "train.csv", "its curves are omitted"),
+           *spare = table_file_rows(path, "spare.csv", "its updates are omitted");
     json_t *test = json_object_get(summary, "test"), *out = json_object();
     static const char *const copied[] = {"scene", "pipeline", "variant", "seed"};
     for (size_t k = 0; k < sizeof copied / sizeof *copied; ++k)
@@ -425,7 +403,8 @@ static json_t *read_results(const char *folder)
         fault = format_text("%s: no run is complete yet; continue 'sparegs experiment'", path);
         fail_run("%s", fault);
     } else if ((fault = results_fault(results))) {
-        fail_run("%s: %s; rerun 'sparegs experiment' to write the file again", path, fault);
+        fail_run("%s: %s; delete it and rerun 'sparegs experiment', which writes it again", path,
+                 fault);
     }
     if (fault) {
         json_decref(results);
@@ -436,30 +415,63 @@ static json_t *read_results(const char *folder)
     return results;
 }
 
-static int report(const char *folder, const report_values *values)
+static bool write_report(const char *folder, const report_values *values, const json_t *results,
+                         const char *text_path, const char *page_path)
 {
-    json_t *results = read_results(folder);
-    if (!results)
-        return EXIT_FAILED;
     json_t *tables = report_tables(results);
     char *markdown = report_markdown(results, tables);
-    char *text_path = values->markdown ? format_text("%s", values->markdown)
-                                       : format_text("%s/report.md", folder);
-    char *page_path =
-        values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
-    bool done = make_folder_of(text_path) && make_folder_of(page_path) &&
-                write_text(text_path, markdown) &&
-                write_page(page_path, page_data(folder, results, tables, values));
+    const bool done = make_folder_of(text_path) && make_folder_of(page_path) &&
+                      write_text(text_path, markdown) &&
+                      write_page(page_path, page_data(folder, results, tables, values));
     if (done) {
         report_file(text_path);
         report_file(page_path);
     }
-    free(text_path);
-    free(page_path);
     free(markdown);
     json_decref(tables);
+    return done;
+}
+
+// False if a file exists that does not begin with `start`, as an earlier report does: a photo, say.
+static bool may_replace(const char *path, const char *start)
+{
+    struct stat info;
+    if (stat(path, &info) || !S_ISREG(info.st_mode) || !info.st_size)
+        return true;
+    const size_t length = strlen(start);
+    char *text = calloc(length + 1, 1);
+    FILE *stream = open_input(path, NULL);
+    const bool may =
+        text && stream && fread(text, 1, length, stream) == length && !strcmp(text, start);
+    if (stream)
+        fclose(stream);
+    free(text);
+    if (!may)
+        fail_run("%s: is not a report and would be replaced; choose another file", path);
+    return may;
+}
+
+static int report(const char *folder, const report_values *values)
+{
+    char *text_path = values->markdown ? format_text("%s", values->markdown)
+                                       : format_text("%s/report.md", folder);
+    char *page_path =
+        values->html ? format_text("%s", values->html) : format_text("%s/report.html", folder);
+    int status = -1;
+    if (same_file(text_path, page_path))
+        status = fail_usage("the tables and the page are both %s; choose different files with "
+                            "--markdown and --html",
+                            page_path);
+    json_t *results = status < 0 ? read_results(folder) : NULL;
+    if (status < 0)
+        status = results && may_replace(text_path, "# ") && may_replace(page_path, page_start) &&
+                         write_report(folder, values, results, text_path, page_path)
+                     ? interrupt_status()
+                     : EXIT_FAILED;
+    free(text_path);
+    free(page_path);
     json_decref(results);
-    return done ? interrupt_status() : EXIT_FAILED;
+    return status;
 }
 
 int command_report(int argc, char **argv)
@@ -482,5 +494,6 @@ int command_report(int argc, char **argv)
     if (call.common.json)
         reported_files_begin();
     const int done = report(call.line.operands[0], &values);
-    return !call.common.json || done == EXIT_FAILED || reported_files_print() ? done : EXIT_FAILED;
+    const bool prints = call.common.json && done != EXIT_FAILED && done != EXIT_USAGE;
+    return !prints || reported_files_print() ? done : EXIT_FAILED;
 }

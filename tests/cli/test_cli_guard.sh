@@ -62,6 +62,16 @@ mkdir -p "$temporary/o2/images"
 ln -s "$pngs/images/0001.png" "$temporary/o2/images/0009.png"
 folder="is a photo or a mask of the scene; choose another folder"
 spared "$temporary/o2/images/0009.png" "$folder" render "$ply" "$pngs" --split all --format png --aov rgba -o "$temporary/o2"
+for source in "$pngs" "$pngs/transforms.json"; do # a data set as the source of cameras only
+    run 1 render "$ply" --camera "$source" --format png --aov rgba -o "$pngs"
+    one_line
+    reports "images/0001.png: $folder"
+    run 1 render "$ply" --camera "$source" --video "$pngs/images/0002.png"
+    reports "images/0002.png: $photo"
+    run 1 render "$ply" --camera "$source" --format png --aov rgba -o "$temporary/o2"
+    reports "o2/images/0009.png: $folder"
+    check "no_file_has_changed: $source" test "$before" = "$(digests)"
+done
 mv "$temporary/o2/images/0009.png" "$temporary/o2/images/0009_flip.png"
 spared "$temporary/o2/images/0009_flip.png" "$folder" eval "$ply" "$pngs" --split all --save "$temporary/o2"
 run 0 render "$ply" "$pngs" --split all --format png --aov rgba -o "$temporary/o2" # writes no such name

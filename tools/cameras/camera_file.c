@@ -342,6 +342,7 @@ void camera_list_thin(camera_list *list, size_t most)
 
 void camera_list_free(camera_list *list)
 {
+    sgs_scene_destroy(list->scene);
     for (size_t i = 0; list->cameras && i < list->count; ++i)
         named_camera_free(&list->cameras[i]);
     free(list->cameras);

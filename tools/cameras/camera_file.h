@@ -11,6 +11,7 @@
 #include <jansson.h>
 
 #include "sparegs/camera.h"
+#include "sparegs/scene.h"
 
 typedef struct named_camera {
     char *name, *stem; // stem: see file_stems.h; NULL until assigned
@@ -27,6 +28,7 @@ typedef struct camera_list {
     int first;        // number of the first camera as a frame
     bool is_numbered; // some names contain such a number
     bool has_frames;  // the cameras have the frame numbers of their file
+    sgs_scene *scene; // owned: the data set of --camera, without images; or NULL
 } camera_list;
 
 // True for a transforms.json, which sgs_scene_load reads: it has "frames".

@@ -175,9 +175,8 @@ static bool data_set_cameras(const camera_choice *choice, camera_list *list)
     }
     camera_choice all = *choice;
     all.split = SGS_SPLIT_ALL;
-    const bool done = scene_cameras(&all, scene, list);
-    sgs_scene_destroy(scene);
-    return done;
+    list->scene = scene;
+    return scene_cameras(&all, scene, list);
 }
 
 static bool file_cameras(const camera_choice *choice, camera_list *list)

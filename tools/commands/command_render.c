@@ -508,8 +508,9 @@ static bool spares_inputs(const render_values *values, const sgs_scene *scene,
 {
     const frame_outputs outputs = {values->output, values->aovs, values->format != FORMAT_EXR,
                                    values->deep, values->film};
-    if (!values->output || !photo_guard_admits_frames(scene, &outputs, cameras))
-        return !values->output;
+    const bool spares = photo_guard_admits_frames(scene, &outputs, cameras);
+    if (!spares || !values->output)
+        return spares;
     const unsigned formats = camera_formats(values);
     char *json = format_text("%s/cameras.json", values->output),
          *chan = format_text("%s/cameras.chan", values->output),

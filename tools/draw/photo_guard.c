@@ -78,10 +78,12 @@ bool photo_guard_admits_frames(const sgs_scene *scene, const frame_outputs *outp
                                const camera_list *cameras)
 {
     const char *folder = outputs->folder;
+    scene = scene ? scene : cameras->scene;
     frame_check check = {.files = scene_files_of(scene),
                          .film = outputs->film,
                          .film_exists = outputs->film && file_exists(outputs->film)};
-    bool admits = true;
+    bool admits =
+        !outputs->film || scene_files_admit(&check.files, outputs->film, "choose another file");
     for (size_t i = 0; folder && i < cameras->count && admits; ++i) {
         const char *stem = cameras->cameras[i].stem;
         admits = admits_names(scene, folder, stem) &&

@@ -19,7 +19,8 @@ typedef struct frame_outputs {
 } frame_outputs;
 
 // False if a PNG or EXR file FOLDER/STEM.* or FOLDER/STEM_* is a photo or a mask of the scene, or
-// if a frame would replace one through a link, or the video. scene may be NULL.
+// if a frame would replace one through a link, or the video; likewise if the video would replace
+// one. scene may be NULL: then it is the data set that the cameras come from, if any.
 bool photo_guard_admits_frames(const sgs_scene *scene, const frame_outputs *outputs,
                                const camera_list *cameras);
 // The same for the images that `eval` saves for each view of the scene: FOLDER/STEM.png,

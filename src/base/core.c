@@ -7,6 +7,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <malloc.h>
 #include <math.h>
 #include <stdatomic.h>
@@ -289,6 +290,77 @@ bool sgsi_is_folder(const char *path)
 {
     struct stat info;
     return !stat(path, &info) && S_ISDIR(info.st_mode);
+}
+
+// Fails with the error `code` of the first of the folders in `path` that causes it, else of `path`.
+static sgs_status fail_at_folder(const char *path, int code)
+{
+    char *partial = sgsi_strdup(path);
+    if (!partial)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to look for it", path);
+    for (char *at = partial + 1; *partial && *at; ++at) {
+        if (*at != '/' || !at[1])
+            continue;
+        struct stat info;
+        const char kept = at[1];
+        at[1] = 0; // "FOLDER/" is resolved; the search permission is that of "FOLDER/."
+        char *inside = sgsi_format("%s.", partial);
+        const bool blocked = inside && stat(inside, &info) && errno == code;
+        sgsi_free(inside);
+        at[1] = kept;
+        if (blocked) {
+            *at = 0;
+            break;
+        }
+    }
+    const sgs_status status = sgsi_fail(SGS_STATUS_IO, "%s: %s", partial, strerror(code));
+    sgsi_free(partial);
+    return status;
+}
+
+// Reads the kind of `path`; info->st_mode is 0 if nothing has this name.
+static sgs_status find_path(const char *path, struct stat *info)
+{
+    struct stat link;
+    if (!stat(path, info))
+        return SGS_STATUS_OK;
+    const int code = errno;
+    info->st_mode = 0;
+    if (code == ENOENT)
+        return lstat(path, &link)
+                   ? SGS_STATUS_OK
+                   : sgsi_fail(SGS_STATUS_IO, "%s: symbolic link to a missing file", path);
+    // A part longer than a file system stores cannot exist.
+    if (code == ENAMETOOLONG && strlen(path) < PATH_MAX)
+        return SGS_STATUS_OK;
+    if (code == ENAMETOOLONG)
+        return sgsi_fail(SGS_STATUS_IO, "%.80s...: %s", path, strerror(code));
+    return fail_at_folder(path, code);
+}
+
+sgs_status sgsi_find_file(const char *path, bool *found)
+{
+    struct stat info;
+    const sgs_status status = find_path(path, &info);
+    *found = !status && S_ISREG(info.st_mode);
+    if (status || *found || !info.st_mode)
+        return status;
+    return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
+}
+
+sgs_status sgsi_find_folder(const char *path, bool *found)
+{
+    struct stat info;
+    const sgs_status status = find_path(path, &info);
+    *found = false;
+    if (status || !info.st_mode)
+        return status;
+    if (!S_ISDIR(info.st_mode))
+        return sgsi_fail(SGS_STATUS_IO, "%s: is not a folder", path);
+    if (faccessat(AT_FDCWD, path, R_OK | X_OK, AT_EACCESS))
+        return sgsi_fail(SGS_STATUS_IO, "%s: %s", path, strerror(errno));
+    *found = true;
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_make_folder(const char *path)

@@ -96,6 +96,13 @@ size_t sgsi_byte_order_mark(const uint8_t *text);
 bool sgsi_is_file(const char *path);
 bool sgsi_is_folder(const char *path);
 
+// *found: `path` is a regular file, or a folder that can be listed and searched; follows links. OK
+// with false if nothing has this name. Fails with IO if it exists but is something else, a link to
+// nothing or not accessible, also for a parent folder, which the error names; or with
+// OUT_OF_MEMORY.
+sgs_status sgsi_find_file(const char *path, bool *found);
+sgs_status sgsi_find_folder(const char *path, bool *found);
+
 // Creates a folder and its missing parents; succeeds when it exists. Fails with IO or
 // OUT_OF_MEMORY.
 sgs_status sgsi_make_folder(const char *path);

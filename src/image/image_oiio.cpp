@@ -19,6 +19,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
 #include <cmath>
 #include <cstdarg>
 #include <cstddef>
@@ -30,6 +31,8 @@
 #include <new>
 #include <string>
 #include <vector>
+
+#include <sys/stat.h>
 
 #include <OpenImageIO/color.h>
 #include <OpenImageIO/filesystem.h>
@@ -126,9 +129,11 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
 {
     OIIO::ImageSpec config;
     config.attribute("oiio:UnassociatedAlpha", 1);
-    if (!OIIO::Filesystem::exists(path))
-        return sgsi_fail(SGS_STATUS_IO, "%s: no such file", path);
-    if (!OIIO::Filesystem::is_regular(path))
+    struct stat info;
+    if (stat(path, &info))
+        return sgsi_fail(SGS_STATUS_IO, "%s: %s", path,
+                         errno == ENOENT ? "no such file" : std::strerror(errno));
+    if (!S_ISREG(info.st_mode))
         return sgsi_fail(SGS_STATUS_IO, "%s: is not a regular file", path);
     // Registers the formats before the first file: OpenImageIO 2.4 lets a second thread try only
     // the formats registered so far, which fails for a PNG file named .jpg.

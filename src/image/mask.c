@@ -27,47 +27,53 @@ static int stem_length(const char *path)
     return (int)(dot && !strchr(dot, '/') ? (size_t)(dot - path) : strlen(path));
 }
 
-// Uses `candidate` if the file exists. Takes ownership; returns false if candidate is NULL (out of
-// memory).
-static bool use_if_file(char *candidate, char **path)
+// Uses `candidate` if the file exists and *path is NULL. Takes ownership; NULL: out of memory.
+static sgs_status use_if_file(char *candidate, char **path)
 {
-    if (candidate && !*path && sgsi_is_file(candidate))
+    bool found = false;
+    if (!candidate)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to search for masks");
+    const sgs_status status = *path ? SGS_STATUS_OK : sgsi_find_file(candidate, &found);
+    if (found)
         *path = candidate;
     else
         sgsi_free(candidate);
-    return candidate != NULL;
+    return status;
 }
 
-// BASE/STEM.png, BASE/NAME.png or, as Metashape exports them, BASE/STEM_mask.png. False if out of
-// memory.
-static bool use_named(const char *base, const char *name, char **path)
+// BASE/STEM.png, BASE/NAME.png or, as Metashape exports them, BASE/STEM_mask.png.
+static sgs_status use_named(const char *base, const char *name, char **path)
 {
     const int stem = stem_length(name);
-    return use_if_file(sgsi_format("%s/%.*s.png", base, stem, name), path) &&
-           (*path || use_if_file(sgsi_format("%s/%s.png", base, name), path)) &&
-           (*path || use_if_file(sgsi_format("%s/%.*s%s", base, stem, name, suffix), path));
+    sgs_status status = use_if_file(sgsi_format("%s/%.*s.png", base, stem, name), path);
+    if (!status && !*path)
+        status = use_if_file(sgsi_format("%s/%s.png", base, name), path);
+    if (!status && !*path)
+        status = use_if_file(sgsi_format("%s/%.*s%s", base, stem, name, suffix), path);
+    return status;
 }
 
 sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
                           const char *name, size_t skip, char **path)
 {
     static const char *const usual[] = {"masks", "mask"};
-    bool memory = true;
+    sgs_status status = SGS_STATUS_OK;
     *path = NULL;
-    for (int i = 0; i < (folder ? 1 : 2) && memory && !*path; ++i) {
+    for (int i = 0; i < (folder ? 1 : 2) && !status && !*path; ++i) {
         char *base = folder && folder[0] == '/'
                          ? sgsi_strdup(folder)
                          : sgsi_format("%s/%s", root, folder ? folder : usual[i]);
-        memory = base && use_named(base, name + skip, path) &&
-                 (*path || !skip || use_named(base, name, path));
+        status = base ? use_named(base, name + skip, path)
+                      : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                  "%s: not enough memory to search for its mask", name);
+        if (!status && !*path && skip)
+            status = use_named(base, name, path);
         sgsi_free(base);
     }
-    if (memory && !*path && !folder)
-        memory =
+    if (!status && !*path && !folder)
+        status =
             use_if_file(sgsi_format("%.*s%s", stem_length(image_path), image_path, suffix), path);
-    return memory ? SGS_STATUS_OK
-                  : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                              "%s: not enough memory to search for its mask", name);
+    return status;
 }
 
 static void set_all(uint16_t *valid_mask, int width, int height)

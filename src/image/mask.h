@@ -14,7 +14,8 @@
 // Finds the mask file of photo `name`, whose file is image_path; *path is NULL if there is
 // none. Masks are searched in `root`/masks and `root`/mask, or in `folder` (relative to root, or
 // absolute) if given, and next to the photo. `skip`: length of the part of the name that is
-// the image folder, which the paths of masks may omit.
+// the image folder, which the paths of masks may omit. IO: a mask exists but cannot be read as a
+// regular file.
 sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
                           const char *name, size_t skip, char **path);
 

@@ -11,6 +11,7 @@
 #include "scene/scene_find.h"
 
 #include <dirent.h>
+#include <errno.h>
 #include <search.h>
 #include <stdlib.h>
 #include <string.h>
@@ -38,13 +39,16 @@ static sgs_status no_memory(const char *path)
 // Finds the best model in base/0, base/1, ..., else in base itself; else *found is NULL.
 static sgs_status find_model(const char *base, char **found)
 {
+    bool present;
     *found = NULL;
     DIR *folder = opendir(base);
-    if (!folder)
+    if (!folder && errno == ENOTDIR) // hides no model; reported if no scene is found
         return SGS_STATUS_OK;
+    sgs_status status = sgsi_find_folder(base, &present);
+    if (!folder)
+        return status || !present ? status : sgsi_fail(SGS_STATUS_IO, "%s: cannot be listed", base);
     size_t models = 0, best_images = 0;
     long best_number = 0;
-    sgs_status status = SGS_STATUS_OK;
     for (struct dirent *entry; !status && (entry = readdir(folder));) {
         const size_t digits = strspn(entry->d_name, "0123456789");
         if (digits == 0 || digits > 9 || entry->d_name[digits])
@@ -52,7 +56,9 @@ static sgs_status find_model(const char *base, char **found)
         char *path = sgsi_format("%s/%s", base, entry->d_name);
         if (!path)
             status = no_memory(base);
-        if (!path || !sgsi_colmap_present(path)) {
+        else if (sgsi_is_folder(path))
+            status = sgsi_find_folder(path, &present);
+        if (!path || status || !sgsi_colmap_present(path)) {
             sgsi_free(path);
             continue;
         }
@@ -143,7 +149,13 @@ static sgs_status find_images(const char *path, const char *images_dir, bool mod
             name[0] == '/' ? sgsi_strdup(name) : sgsi_format("%s%s/%s", path, places[i], name);
         if (!candidate)
             return no_memory(path);
-        if (sgsi_is_folder(candidate)) {
+        bool found;
+        const sgs_status status = sgsi_find_folder(candidate, &found);
+        if (status) {
+            sgsi_free(candidate);
+            return status;
+        }
+        if (found) {
             files->image_folder = candidate;
             files->mask_root = parent_folder(candidate);
             return files->mask_root ? SGS_STATUS_OK : no_memory(path);
@@ -153,9 +165,21 @@ static sgs_status find_images(const char *path, const char *images_dir, bool mod
     return fail_images(path, name);
 }
 
+// Folders of models below the scene, in the order of the search.
+enum { BASES = 3 };
+static const char *const model_bases[BASES] = {"/sparse", "/colmap/sparse", ""};
+
 // Reports an incompletely copied model; otherwise that no scene was found.
 static sgs_status report_missing(const char *path)
 {
+    for (size_t i = 0; i < BASES; ++i) {
+        bool found;
+        char *base = sgsi_format("%s%s", path, model_bases[i]);
+        const sgs_status status = base ? sgsi_find_folder(base, &found) : no_memory(path);
+        sgsi_free(base);
+        if (status)
+            return status;
+    }
     static const char *const places[] = {"sparse/0/", "sparse/", "colmap/sparse/0/", ""};
     static const char *const kinds[] = {"bin", "txt"};
     for (size_t i = 0; i < 8; ++i) {
@@ -189,10 +213,14 @@ static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
         char *candidate = sgsi_format("%s/%s", path, names[i]);
         if (!candidate)
             return no_memory(path);
-        if (sgsi_is_file(candidate))
+        bool found;
+        const sgs_status status = sgsi_find_file(candidate, &found);
+        if (found)
             files->model_path = candidate;
         else
             sgsi_free(candidate);
+        if (status)
+            return status;
     }
     if (!files->model_path)
         return report_missing(path);
@@ -219,10 +247,9 @@ static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
 
 static sgs_status find_in_folder(const char *path, const char *images_dir, sgsi_scene_files *files)
 {
-    static const char *const bases[] = {"/sparse", "/colmap/sparse", ""};
     size_t i = 0;
-    for (; i < 3 && !files->model_path; ++i) {
-        char *base = sgsi_format("%s%s", path, bases[i]);
+    for (; i < BASES && !files->model_path; ++i) {
+        char *base = sgsi_format("%s%s", path, model_bases[i]);
         const sgs_status status = base ? find_model(base, &files->model_path) : no_memory(path);
         sgsi_free(base);
         if (status)
@@ -236,12 +263,15 @@ static sgs_status find_in_folder(const char *path, const char *images_dir, sgsi_
 
 sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_files *files)
 {
+    bool found = true;
     *files = (sgsi_scene_files){0};
-    sgs_status status;
-    if (sgsi_is_folder(path))
-        status = find_in_folder(path, images_dir, files);
-    else if (sgsi_is_file(path))
+    sgs_status status = sgsi_is_file(path) ? SGS_STATUS_OK : sgsi_find_folder(path, &found);
+    if (status)
+        return status;
+    if (sgsi_is_file(path))
         status = find_in_file(path, files);
+    else if (found)
+        status = find_in_folder(path, images_dir, files);
     else
         status = sgsi_fail(SGS_STATUS_IO,
                            "%s: no such folder; specify a data set of COLMAP or with a "
@@ -266,12 +296,14 @@ sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *i
                                       : sgsi_format("%s/%s", files->image_folder, images_dir);
     if (!path)
         return no_memory(files->image_folder);
-    if (sgsi_is_folder(path)) {
+    bool found;
+    const sgs_status status = sgsi_find_folder(path, &found);
+    if (found) {
         *chosen = path;
         return SGS_STATUS_OK;
     }
     sgsi_free(path);
-    return fail_images(files->image_folder, images_dir);
+    return status ? status : fail_images(files->image_folder, images_dir);
 }
 
 // The path of `stem` with the first of these extensions that exists, or NULL.

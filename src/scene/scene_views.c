@@ -6,9 +6,11 @@
 
 #include "scene/scene_loader.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "base/compare.h"
 #include "base/core.h"
@@ -40,12 +42,12 @@ static sgs_status use_named_mask(const sgsi_scene_loader *l, size_t i)
     if (!path)
         return sgsi_scene_no_memory(l->scene->path);
     l->scene->views[i].mask_path = path;
-    if (sgsi_is_file(path))
-        return SGS_STATUS_OK;
-    return sgsi_fail(
-        SGS_STATUS_IO,
-        "%s: no such mask, named by %s for '%s'; use option masks_dir none to ignore masks", path,
-        l->files.model_path, l->scene->views[i].name);
+    bool found;
+    const sgs_status status = sgsi_find_file(path, &found);
+    if (status || found)
+        return status;
+    return sgsi_fail(SGS_STATUS_IO, "%s: no such mask, named by %s for '%s'", path,
+                     l->files.model_path, l->scene->views[i].name);
 }
 
 // Length of the part of a name that is the image folder: names in transforms.json include it.
@@ -54,8 +56,29 @@ static size_t image_folder_length(const sgsi_scene_loader *l, const char *name)
     return strncmp(name, "images/", 7) ? l->top_folder : 7;
 }
 
-// Finds the masks of all views. Mask folders are next to the image folder; option masks_dir
-// overrides masks named in camera files.
+// Finds the folders of the masks, which are next to the image folder.
+static sgs_status find_mask_folders(sgsi_scene_loader *l, const char *given)
+{
+    static const char *const usual[] = {"masks", "mask"};
+    for (size_t k = 0; k < (given ? 1 : 2); ++k) {
+        bool found = false;
+        char *place =
+            given ? sgsi_strdup(given) : sgsi_format("%s/%s", l->files.mask_root, usual[k]);
+        sgs_status status =
+            place ? sgsi_find_folder(place, &found) : sgsi_scene_no_memory(l->scene->path);
+        if (!status && given && !found)
+            status = sgsi_fail(SGS_STATUS_IO, "%s: no such mask folder", given);
+        if (!status)
+            status = sgsi_roots_add(&l->roots, place);
+        sgsi_free(place);
+        l->mask_folder |= found;
+        if (status)
+            return status;
+    }
+    return SGS_STATUS_OK;
+}
+
+// Finds the masks of all views. Option masks_dir overrides masks named in camera files.
 static sgs_status find_masks(sgsi_scene_loader *l)
 {
     const char *folder = l->options->masks_dir;
@@ -65,18 +88,8 @@ static sgs_status find_masks(sgsi_scene_loader *l)
     char *given = !folder            ? NULL
                   : folder[0] == '/' ? sgsi_strdup(folder)
                                      : sgsi_format("%s/%s", root, folder);
-    sgs_status status = !folder || given ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
-    if (given && !sgsi_is_folder(given))
-        status =
-            sgsi_fail(SGS_STATUS_IO,
-                      "%s: no such mask folder; use option masks_dir none to ignore masks", given);
-    static const char *const usual[] = {"masks", "mask"};
-    for (size_t k = 0; k < (given ? 1 : 2) && !status; ++k) {
-        char *place = given ? sgsi_strdup(given) : sgsi_format("%s/%s", root, usual[k]);
-        status = place ? sgsi_roots_add(&l->roots, place) : sgsi_scene_no_memory(l->scene->path);
-        l->mask_folder = l->mask_folder || (place && sgsi_is_folder(place));
-        sgsi_free(place);
-    }
+    sgs_status status =
+        !folder || given ? find_mask_folders(l, given) : sgsi_scene_no_memory(l->scene->path);
     for (size_t i = 0; i < l->scene->view_count && !status; ++i) {
         sgs_view *view = &l->scene->views[i];
         status = !folder && l->dataset.frames[i].mask
@@ -85,7 +98,20 @@ static sgs_status find_masks(sgsi_scene_loader *l)
                                       image_folder_length(l, view->name), &view->mask_path);
     }
     sgsi_free(given);
-    return status;
+    return status == SGS_STATUS_IO
+               ? sgsi_fail(status, "%s; use option masks_dir none to ignore masks",
+                           sgs_last_error())
+               : status;
+}
+
+// Fails if a folder of the photo may not be searched: its other photos are not missing either.
+// Other errors concern this photo only; reading it reports them.
+static sgs_status check_searchable(const char *image_path)
+{
+    bool found;
+    struct stat info;
+    return stat(image_path, &info) && errno == EACCES ? sgsi_find_file(image_path, &found)
+                                                      : SGS_STATUS_OK;
 }
 
 sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
@@ -118,6 +144,8 @@ sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
         view->image_path =
             sgsi_scene_image_path(chosen ? chosen : l->files.image_folder, view->name + skip);
         status = view->image_path ? SGS_STATUS_OK : sgsi_scene_no_memory(scene->path);
+        if (!status && !sgsi_loader_cameras_only(l))
+            status = check_searchable(view->image_path);
     }
     sgsi_free(chosen);
     return status ? status : find_masks(l);

@@ -170,9 +170,9 @@ typedef struct sgs_scene {
 // is valid. A pixel of a down-scaled photo is valid if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
-// is missing, or no image is readable), FORMAT (invalid file, or a mask whose size differs from its
-// photo), UNSUPPORTED (for example a camera model), OUT_OF_MEMORY or CANCELLED. The error
-// names file, place and fix. On failure *scene is NULL.
+// is missing or not accessible, or no image is readable), FORMAT (invalid file, no lens with a ray,
+// or a mask whose size differs from its photo), UNSUPPORTED (for example a camera model),
+// OUT_OF_MEMORY or CANCELLED. The error names file, place and fix. On failure *scene is NULL.
 SGS_API sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options,
                                   sgs_scene **scene);
 
@@ -211,8 +211,9 @@ typedef struct sgs_view_source {
 // progress. The scene's views are sorted by name. Pixels with NaN or infinite channels are invalid.
 //
 // Fails with INVALID_ARGUMENT (the error names view and field) for a camera, pose, channel count,
-// stride or point that is out of range or not finite, duplicate names, a mask that excludes every
-// pixel, or no training view; with OUT_OF_MEMORY or CANCELLED. On failure *scene is NULL.
+// stride or point that is out of range or not finite, duplicate names, a mask or a lens that
+// excludes every pixel, or no training view; with OUT_OF_MEMORY or CANCELLED. On failure *scene is
+// NULL.
 SGS_API sgs_status sgs_scene_create(const sgs_view_source *views, size_t view_count,
                                     const float *points, const uint8_t *colors, size_t point_count,
                                     const sgs_scene_options *options, sgs_scene **scene);

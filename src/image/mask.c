@@ -177,15 +177,26 @@ static void lens_row(void *context, size_t y, int thread)
             row[x / 16] &= (uint16_t) ~(1u << x % 16);
 }
 
-sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask)
+static size_t count_valid(const uint16_t *valid_mask, int width, int height)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < sgs_mask_words(width) * (size_t)height; ++i)
+        count += (size_t)__builtin_popcount(valid_mask[i]);
+    return count;
+}
+
+sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask, size_t *rays)
 {
     *valid_mask = NULL;
+    *rays = (size_t)camera->width * (size_t)camera->height;
     if (border_has_rays(camera))
         return SGS_STATUS_OK;
     const sgs_status status = create(camera->width, camera->height, valid_mask);
-    if (!status)
-        sgsi_parallel_for((size_t)camera->height, 8, lens_row, &(lens_rows){camera, *valid_mask});
-    return status;
+    if (status)
+        return status;
+    sgsi_parallel_for((size_t)camera->height, 8, lens_row, &(lens_rows){camera, *valid_mask});
+    *rays = count_valid(*valid_mask, camera->width, camera->height);
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *valid_mask)
@@ -212,8 +223,12 @@ size_t sgsi_mask_count(const uint16_t *valid_mask, int width, int height)
 
 void sgsi_mask_finish(sgs_photo *photo)
 {
+    const size_t all = (size_t)photo->width * (size_t)photo->height;
+    photo->kept = all;
+    if (!photo->valid_mask)
+        return;
     photo->kept = sgsi_mask_count(photo->valid_mask, photo->width, photo->height);
-    if (photo->kept == (size_t)photo->width * (size_t)photo->height) {
+    if (photo->kept == all) {
         sgsi_free(photo->valid_mask);
         photo->valid_mask = NULL;
     }

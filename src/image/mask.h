@@ -33,8 +33,9 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const c
 // Clears the pixels that overlap source pixel (x, y) of a width x height image. Requires a mask.
 void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y);
 
-// Mask of the pixels for which a lens has rays: a new plane (sgsi_free), or NULL if all have one.
-sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask);
+// Mask of the pixels for which a lens has rays: a new plane (sgsi_free), or NULL if all have one;
+// *rays: their number.
+sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask, size_t *rays);
 
 // Clears the pixels that `valid_mask` (same size) clears; NULL clears none.
 sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *valid_mask);

@@ -318,11 +318,16 @@ static sgs_status find_lenses(creator *c)
         const bool same =
             i && sgs_camera_equal(&scene->views[i - 1].camera, &scene->views[i].camera);
         if (!same) {
+            size_t rays;
             const sgs_status status =
-                sgsi_mask_of_lens(&scene->views[i].camera, &c->lenses[c->lens_count]);
+                sgsi_mask_of_lens(&scene->views[i].camera, &c->lenses[c->lens_count++], &rays);
             if (status)
                 return status;
-            ++c->lens_count;
+            if (!rays)
+                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                                 "view '%s': its lens has no ray for any pixel; check k1, k2, p1, "
+                                 "p2, cx, cy",
+                                 scene->views[i].name);
         }
         c->entries[i].lens = c->lenses[c->lens_count - 1];
     }

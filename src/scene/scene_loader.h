@@ -40,6 +40,8 @@ typedef struct sgsi_view_slot {
 typedef struct sgsi_lens_mask {
     sgs_camera camera;
     uint16_t *valid_mask; // NULL = all
+    size_t rays;          // pixels with a ray
+    bool reported;        // a warning about it was sent
 } sgsi_lens_mask;
 
 typedef struct sgsi_scene_loader {

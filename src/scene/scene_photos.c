@@ -184,12 +184,23 @@ static sgs_status find_lens(sgsi_scene_loader *l, size_t i)
     if (k == 0) {
         k = ++l->lens_count;
         l->lenses[k - 1].camera = *camera;
-        const sgs_status status = sgsi_mask_of_lens(camera, &l->lenses[k - 1].valid_mask);
+        const sgs_status status =
+            sgsi_mask_of_lens(camera, &l->lenses[k - 1].valid_mask, &l->lenses[k - 1].rays);
         if (status)
             return status;
     }
     l->slots[i].lens = k - 1;
     return SGS_STATUS_OK;
+}
+
+static sgs_status find_lenses(sgsi_scene_loader *l)
+{
+    l->lenses = sgsi_calloc(l->scene->view_count, sizeof *l->lenses);
+    sgs_status status = l->lenses ? SGS_STATUS_OK : sgsi_scene_no_memory(l->scene->path);
+    for (size_t i = 0; i < l->scene->view_count && !status; ++i)
+        if (!l->slots[i].status)
+            status = find_lens(l, i);
+    return status;
 }
 
 typedef struct light_job {
@@ -272,14 +283,10 @@ sgs_status sgsi_loader_read_photos(sgsi_scene_loader *l)
                                 &scene->views[i].camera);
     if (!status)
         status = measure_white_point(l);
+    if (!status && !sgsi_loader_cameras_only(l))
+        status = find_lenses(l);
     if (status || !l->options->load_images)
         return status;
-    l->lenses = sgsi_calloc(scene->view_count, sizeof *l->lenses);
-    if (!l->lenses)
-        return sgsi_scene_no_memory(scene->path);
-    for (size_t i = 0; i < scene->view_count && !status; ++i)
-        if (!l->slots[i].status)
-            status = find_lens(l, i);
     size_t bytes = 0;
     for (size_t i = 0; i < scene->view_count; ++i)
         bytes += l->slots[i].dropped ? 0 : l->slots[i].bytes;
@@ -294,10 +301,9 @@ sgs_status sgsi_loader_read_photos(sgsi_scene_loader *l)
         if (!l->sources || !l->bytes)
             return sgsi_scene_no_memory(scene->path);
     }
-    if (!status)
-        sgsi_parallel_for(scene->view_count, 1, load_view, l);
-    return !status && sgsi_progress_cancelled(&l->progress) ? sgsi_scene_cancelled(scene->path)
-                                                            : status;
+    sgsi_parallel_for(scene->view_count, 1, load_view, l);
+    return sgsi_progress_cancelled(&l->progress) ? sgsi_scene_cancelled(scene->path)
+                                                 : SGS_STATUS_OK;
 }
 
 sgs_status sgsi_loader_open_store(sgsi_scene_loader *l)

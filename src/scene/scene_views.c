@@ -19,6 +19,7 @@
 #include "scene/transforms.h"
 
 enum { MAX_WARNINGS = 5 };
+#define LENS_FIELDS "k1, k2, p1, p2, cx, cy"
 
 void sgsi_view_free(sgs_view *view)
 {
@@ -154,7 +155,9 @@ sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
 // Counts for the warnings about all views.
 typedef struct view_tally {
     size_t masked_out, masked_files, broken, mismatched; // masked_files: of masked_out, by a file
-    const char *first_mismatched;                        // name
+    size_t rayless;                                      // views whose lens has no ray
+    size_t lens_warnings;
+    const char *first_mismatched; // name
     bool downscaled;
 } view_tally;
 
@@ -179,6 +182,30 @@ static sgs_status check_fatal(const sgsi_scene_loader *l)
     return SGS_STATUS_OK;
 }
 
+// False if the lens has no ray; warns, once per lens, of that and of a perspective lens with few.
+// The image circle of a fisheye lens leaves the corners out.
+static bool has_rays(sgsi_scene_loader *l, size_t i, view_tally *tally)
+{
+    const sgs_view *view = &l->scene->views[i];
+    sgsi_lens_mask *lens = &l->lenses[l->slots[i].lens];
+    const double all = (double)view->camera.width * view->camera.height;
+    const double lost = 1 - (double)lens->rays / all;
+    const bool is_rare = lost > 0.05 && !sgs_camera_is_fisheye(view->camera.model);
+    if (!lens->reported && (!lens->rays || is_rare) && tally->lens_warnings++ < MAX_WARNINGS) {
+        if (lens->rays)
+            sgsi_warn("%s: the lens of the camera of '%s' has no ray for %.1f %% of the pixels, "
+                      "which are not used; check " LENS_FIELDS,
+                      l->scene->model_path, view->name, 100 * lost);
+        else
+            sgsi_warn("%s: the lens of the camera of '%s' has no ray for any pixel, and its images "
+                      "are skipped; check " LENS_FIELDS,
+                      l->scene->model_path, view->name);
+    }
+    lens->reported = true;
+    tally->rayless += !lens->rays;
+    return lens->rays > 0;
+}
+
 // True if the view has a photo with valid pixels; warns otherwise.
 static bool is_usable(sgsi_scene_loader *l, size_t i, view_tally *tally)
 {
@@ -194,6 +221,8 @@ static bool is_usable(sgsi_scene_loader *l, size_t i, view_tally *tally)
             sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);
         return false;
     }
+    if (l->lenses && !has_rays(l, i, tally))
+        return false;
     if (view->image.width && !view->image.kept) {
         if (tally->masked_out++ < MAX_WARNINGS)
             sgsi_warn("%s: mask excludes every pixel; the view is skipped",
@@ -242,6 +271,11 @@ static void keep_view(sgsi_scene_loader *l, size_t i, size_t to, view_tally *tal
 static sgs_status report_no_views(const sgsi_scene_loader *l, size_t count, const view_tally *tally)
 {
     const sgs_scene *scene = l->scene;
+    if (tally->rayless && !tally->masked_out)
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: the lens has no ray for any pixel of %zu image(s); check " LENS_FIELDS,
+            scene->model_path, tally->rayless);
     if (tally->masked_out)
         return sgsi_fail(
             SGS_STATUS_INVALID_ARGUMENT,

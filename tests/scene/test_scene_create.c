@@ -424,6 +424,9 @@ static void bad_input_is_named(void **state)
         bad.pose.rotation[k] = -bad.pose.rotation[k];
     refused(&bad, 1, NULL, 0, "pose.rotation is mirrored");
     bad = good;
+    bad.camera = (sgs_camera){SGS_CAMERA_OPENCV, W, H, {20, 20, 9, 3, -1e9}};
+    refused(&bad, 1, NULL, 0, "view 'view_000000': its lens has no ray for any pixel; check k1");
+    bad = good;
     bad.channels = 2;
     refused(&bad, 1, NULL, 0, "channels");
     bad = good;

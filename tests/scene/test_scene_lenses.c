@@ -1,0 +1,177 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Lenses without a ray for some or all pixels: reported as such, and not as masks.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "support/bad_input.h"
+#include "support/scene_support.h"
+
+enum { WIDTH = 64, HEIGHT = 48 };
+static const double focal = 50, center_x = 32, center_y = 24;
+
+static const uint8_t red[4] = {250, 20, 10, 255};
+
+// A frame per text of lens parameters, with photos images/0.png, images/1.png, ...
+static temp_folder scene_make(const char *const lenses[], int count)
+{
+    const temp_folder folder = temp_folder_make();
+    buffer b = {.size = 0};
+    put_text(&b, "{\"frames\": [");
+    for (int i = 0; i < count; ++i) {
+        char name[64];
+        snprintf(name, sizeof name, "images/%d.png", i);
+        tree_put_picture(&folder, name, WIDTH, HEIGHT, 3, red);
+        put_text(&b,
+                 "%s{\"file_path\": \"%s\", \"w\": %d, \"h\": %d, \"fl_x\": %g, \"cx\": %g, "
+                 "\"cy\": %g, %s, \"transform_matrix\": "
+                 "[[1,0,0,%d],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}",
+                 i ? ", " : "", name, WIDTH, HEIGHT, focal, center_x, center_y, lenses[i], i);
+    }
+    put_text(&b, "]}");
+    tree_put(&folder, "transforms.json", b.data, b.size);
+    return folder;
+}
+
+static sgs_status load(const temp_folder *folder, bool images, sgs_scene **scene)
+{
+    sgs_scene_options options = sgs_scene_options_default();
+    options.load_images = images;
+    warnings[0] = 0;
+    return sgs_scene_load(folder->path, &options, scene);
+}
+
+static size_t count_of(const char *text, const char *part)
+{
+    size_t count = 0;
+    for (const char *at = text; (at = strstr(at, part)); at += strlen(part))
+        ++count;
+    return count;
+}
+
+static void lenses_without_any_ray_are_errors(void **state)
+{
+    (void)state;
+    static const char *const lenses[] = {"\"p1\": 1e10", "\"k1\": -1e9"};
+    for (int i = 0; i < 2; ++i)
+        for (int images = 0; images < 2; ++images) {
+            temp_folder folder = scene_make(lenses + i, 1);
+            sgs_scene *scene = (sgs_scene *)1;
+            assert_int_equal(load(&folder, images, &scene), SGS_STATUS_FORMAT);
+            assert_null(scene);
+            assert_holds(sgs_last_error(), "/transforms.json: the lens has no ray for any pixel of "
+                                           "1 image(s); check k1, k2, p1, p2, cx, cy");
+            assert_null(strstr(warnings, "mask"));
+            tree_remove(&folder);
+            bad_input();
+        }
+}
+
+static void images_of_a_lens_without_rays_are_skipped(void **state)
+{
+    (void)state;
+    static const char *const lenses[] = {"\"k1\": 0", "\"p1\": 1e10", "\"p1\": 1e10", "\"k1\": 0"};
+    temp_folder folder = scene_make(lenses, 4);
+    for (int images = 0; images < 2; ++images) {
+        sgs_scene *scene;
+        assert_int_equal(load(&folder, images, &scene), SGS_STATUS_OK);
+        assert_int_equal(scene->view_count, 2);
+        assert_string_equal(scene->views[1].name, "images/3.png");
+        assert_holds(warnings, "/transforms.json: the lens of the camera of 'images/1.png' has no "
+                               "ray for any pixel, and its images are skipped; check k1, k2, p1, "
+                               "p2, cx, cy\n");
+        assert_int_equal(count_of(warnings, "no ray"), 1);
+        assert_int_equal(count_of(warnings, "mask"), 0);
+        sgs_scene_destroy(scene);
+    }
+    tree_remove(&folder);
+}
+
+// r (1 + k1 r^2) has its maximum at r^2 = -1 / (3 k1): no ray reaches a pixel beyond 2/3 of that r.
+static double lost_percent(double k1)
+{
+    const double most = focal * 2 / 3 * sqrt(-1 / (3 * k1));
+    int lost = 0;
+    for (int y = 0; y < HEIGHT; ++y)
+        for (int x = 0; x < WIDTH; ++x)
+            lost += hypot(x + 0.5 - center_x, y + 0.5 - center_y) > most;
+    return 100.0 * lost / (WIDTH * HEIGHT);
+}
+
+static void perspective_lenses_with_few_rays_are_reported_once(void **state)
+{
+    (void)state;
+    static const char *const lenses[] = {"\"k1\": -0.5", "\"k1\": -0.5", "\"k1\": -5"};
+    temp_folder folder = scene_make(lenses, 3);
+    for (int images = 0; images < 2; ++images) {
+        sgs_scene *scene;
+        char wide[200], narrow[200];
+        assert_int_equal(load(&folder, images, &scene), SGS_STATUS_OK);
+        assert_int_equal(scene->view_count, 3);
+        snprintf(wide, sizeof wide,
+                 "the lens of the camera of 'images/0.png' has no ray for %.1f %% of the pixels, "
+                 "which are not used; check k1",
+                 lost_percent(-0.5));
+        snprintf(narrow, sizeof narrow, "'images/2.png' has no ray for %.1f %% of the pixels",
+                 lost_percent(-5));
+        assert_true(lost_percent(-0.5) > 5 && lost_percent(-5) > 80);
+        assert_holds(warnings, wide);
+        assert_holds(warnings, narrow);
+        assert_int_equal(count_of(warnings, "no ray"), 2);
+        sgs_scene_destroy(scene);
+    }
+    tree_remove(&folder);
+}
+
+static void corners_of_few_pixels_and_fisheye_circles_are_usual(void **state)
+{
+    (void)state;
+    // 3 % of the pixels; and an equidistant circle: theta (1 - theta^2 / 3) is at most 2/3.
+    static const char *const lenses[] = {
+        "\"k1\": -0.28", "\"camera_model\": \"OPENCV_FISHEYE\", \"fl_y\": 30, \"k1\": -0.3333"};
+    assert_true(lost_percent(-0.28) > 0 && lost_percent(-0.28) < 5);
+    temp_folder folder = scene_make(lenses, 2);
+    sgs_scene *scene;
+    assert_int_equal(load(&folder, true, &scene), SGS_STATUS_OK);
+    assert_int_equal(scene->view_count, 2);
+    for (size_t i = 0; i < 2; ++i)
+        assert_true(scene->views[i].image.kept < WIDTH * HEIGHT);
+    assert_true(scene->views[1].image.kept < 0.9 * WIDTH * HEIGHT);
+    assert_int_equal(count_of(warnings, "no ray"), 0);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+static void masks_of_lenses_with_rays_are_still_reported_as_masks(void **state)
+{
+    (void)state;
+    static const char *const lenses[] = {"\"k1\": -0.28"};
+    static const uint8_t black[4] = {0, 0, 0, 255};
+    temp_folder folder = scene_make(lenses, 1);
+    tree_put_picture(&folder, "masks/0.png", WIDTH, HEIGHT, 1, black);
+    sgs_scene *scene;
+    assert_int_equal(load(&folder, true, &scene), SGS_STATUS_INVALID_ARGUMENT);
+    assert_holds(sgs_last_error(), "masks exclude every pixel of every image; masks inverted?");
+    assert_holds(warnings, "masks/0.png: mask excludes every pixel");
+    tree_remove(&folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(lenses_without_any_ray_are_errors, warnings_begin),
+        cmocka_unit_test_setup(images_of_a_lens_without_rays_are_skipped, warnings_begin),
+        cmocka_unit_test_setup(perspective_lenses_with_few_rays_are_reported_once, warnings_begin),
+        cmocka_unit_test_setup(corners_of_few_pixels_and_fisheye_circles_are_usual, warnings_begin),
+        cmocka_unit_test_setup(masks_of_lenses_with_rays_are_still_reported_as_masks,
+                               warnings_begin),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -110,8 +110,53 @@ run 1 bench sparse-32k "$temporary/model" "$temporary/nowhere" --json
 one_line
 reports "nowhere"
 json "$temporary/stdout" '.error.file != null and (has("benches") | not)'
+mkdir "$temporary/empty"
+for where in "$temporary/model $temporary/empty" "$temporary/model $room $temporary/model $temporary/empty"; do
+    # shellcheck disable=SC2086 # two or four operands
+    run 1 bench sparse-32k $where --json --quiet
+    one_line
+    reports "empty: no scene found"
+    json "$temporary/stdout" '.error.file != null and (has("benches") | not)'
+done
 run 2 bench "$temporary/model"
 one_line
 reports "requires a SCENE"
+
+# an_error_keeps_the_finished_measurements, in every format
+run 1 bench sparse-32k "$temporary/none.ply" "$room" --repeat 1 --json --quiet
+one_line
+json "$temporary/stdout" '[.benches[].name] == ["sparse-32k"] and .benches[0].seconds.iteration > 0'
+json "$temporary/stdout" '.error.code == "failed" and (.error.message | contains("no primitives"))'
+run 1 bench sparse-32k "$temporary/none.ply" "$room" --repeat 1 --csv --quiet
+check a_header_and_a_row test "$(wc -l <"$temporary/stdout")" = 2
+run 1 bench sparse-32k "$temporary/none.ply" "$room" --repeat 1 --quiet
+prints "sparse-32k"
+run 1 bench "$temporary/none.ply" "$room" sparse-32k --repeat 1 --quiet
+check nothing_was_measured test ! -s "$temporary/stdout"
+
+# a_signal_keeps_the_finished_measurements: SIGINT when the second scene is announced on the terminal
+status=0
+last_command="bench sparse-32k dense-500k --json, interrupted"
+python3 - "$program" "$temporary/stdout" 2>"$temporary/stderr" <<'PY' || status=$?
+import os, pty, signal, subprocess, sys
+
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+here, there = pty.openpty()
+with open(sys.argv[2], "wb") as result:
+    bench = subprocess.Popen([sys.argv[1], "bench", "sparse-32k", "dense-500k", "--repeat", "3", "--json"], stdout=result, stderr=there)
+os.close(there)
+seen = b""
+while b"dense-500k 1/3" not in seen:
+    seen += os.read(here, 1000)
+bench.send_signal(signal.SIGINT)
+try:
+    while os.read(here, 1000):
+        pass
+except OSError:  # the program has closed the terminal
+    pass
+sys.exit(bench.wait())
+PY
+check exit_status_130 test "$status" = 130
+json "$temporary/stdout" '[.benches[].name] == ["sparse-32k"] and .benches[0].seconds.iteration > 0 and .error.code == "interrupted"'
 
 finish

@@ -112,8 +112,19 @@ typedef struct bench_setting {
     sgs_machine_limits limits;
 } bench_setting;
 
+// A MODEL and its SCENE.
+typedef struct bench_input {
+    model_path located;
+    sgs_scene *scene;
+    drawing_values drawing;
+} bench_input;
+
+enum { OPERANDS_MOST = 8 };
+
 typedef struct bench_run {
     const bench_values *values;
+    bench_input inputs[OPERANDS_MOST / 2]; // opened before the first measurement
+    size_t input_count;
     bench_setting settings[64 * SGS_ISA_COUNT];
     size_t setting_count;
     bench_report report;
@@ -171,6 +182,15 @@ static bench_result *add_result(bench_run *run, const char *name, const bench_se
     return result->measures ? result : NULL;
 }
 
+static void free_results(bench_run *run, size_t first)
+{
+    for (size_t i = first; run->report.results && i < run->report.count; ++i) {
+        free(run->report.results[i].measures);
+        free(run->report.results[i].ranks);
+    }
+    run->report.count = first;
+}
+
 // Into the result of the first setting.
 static bool predict_ranks(const bench_run *run, sgs_bench *bench, bench_result *result)
 {
@@ -183,20 +203,52 @@ static bool predict_ranks(const bench_run *run, sgs_bench *bench, bench_result *
         fail_run("not enough memory for the predictions");
         return false;
     }
-    if (!apply(&run->settings[0]))
-        return false;
-    if (!sgs_bench_ranks(bench, ranks->values, result->rank_count, result->ranks))
-        return true;
-    fail_library();
+    if (apply(&run->settings[0])) {
+        if (!sgs_bench_ranks(bench, ranks->values, result->rank_count, result->ranks))
+            return true;
+        fail_library();
+    }
+    free(result->ranks);
+    result->ranks = NULL;
     return false;
 }
 
-// render NULL: the defaults.
+static bool measure_once(bench_run *run, size_t setting, sgs_bench *bench, bench_result *result,
+                         bench_measure *to)
+{
+    if (!apply(&run->settings[setting]))
+        return false;
+    if (sgs_bench_run(bench, &to->sample) ||
+        (setting == 0 && run->values->ranks.count && sgs_bench_rank_build(bench, &to->sample))) {
+        fail_library();
+        return false;
+    }
+    to->total = to->sample.gather + to->sample.forward + to->sample.backward;
+    result->counts = sgs_bench_counts_get(bench);
+    return true;
+}
+
+// All repetitions of all settings. False after an error, or if they were interrupted.
+static bool repeat(bench_run *run, const char *name, sgs_bench *bench, bench_result *results)
+{
+    for (int i = 0; i < run->values->repeat; ++i)
+        for (size_t s = 0; s < run->setting_count; ++s) {
+            progress_count(name, (size_t)i * run->setting_count + s,
+                           (size_t)run->values->repeat * run->setting_count);
+            if (interrupt_signal() ||
+                !measure_once(run, s, bench, &results[s], &results[s].measures[i]))
+                return false;
+        }
+    return true;
+}
+
+// render NULL: the defaults. A scene whose measurement fails or is interrupted leaves no results.
 static bool measure(bench_run *run, const char *name, const sgs_gaussians *model,
                     const sgs_view *views, size_t view_count, const sgs_render_options *render)
 {
     sgs_bench *bench = NULL;
-    bench_result *results = &run->report.results[run->report.count];
+    const size_t first = run->report.count;
+    bench_result *results = &run->report.results[first];
     bool done = true;
     for (size_t s = 0; s < run->setting_count && done; ++s)
         done = add_result(run, name, &run->settings[s]) != NULL;
@@ -207,24 +259,11 @@ static bool measure(bench_run *run, const char *name, const sgs_gaussians *model
         fail_library();
         done = false;
     }
-    for (int i = 0; i < run->values->repeat && done; ++i) {
-        for (size_t s = 0; s < run->setting_count && done && !interrupt_signal(); ++s) {
-            bench_measure *to = &results[s].measures[i];
-            progress_count(name, (size_t)i * run->setting_count + s,
-                           (size_t)run->values->repeat * run->setting_count);
-            done = apply(&run->settings[s]);
-            if (done &&
-                (sgs_bench_run(bench, &to->sample) || (s == 0 && run->values->ranks.count &&
-                                                       sgs_bench_rank_build(bench, &to->sample)))) {
-                fail_library();
-                done = false;
-            }
-            to->total = to->sample.gather + to->sample.forward + to->sample.backward;
-            results[s].counts = sgs_bench_counts_get(bench);
-        }
-    }
+    const bool complete = done && repeat(run, name, bench, results);
     progress_end();
-    done = done && (interrupt_signal() || predict_ranks(run, bench, results));
+    if (!complete)
+        free_results(run, first);
+    done = complete && (interrupt_signal() || predict_ranks(run, bench, results));
     sgs_bench_destroy(bench);
     return done;
 }
@@ -242,31 +281,21 @@ static bool measure_made(bench_run *run, const char *name)
     return done;
 }
 
-static bool measure_model(bench_run *run, const char *model, const char *scene_path,
-                          scene_values *data, const command_line *line)
+static bool measure_model(bench_run *run, const char *model, bench_input *input)
 {
-    model_path located;
-    sgs_scene *scene = NULL;
     sgs_gaussians *gaussians = NULL;
-    drawing_values drawing;
-    drawing_group(&drawing); // the defaults
-    bool done = model_locate(model, &located) && model_scene_resolve(data, line, &located) < 0 &&
-                (scene = scene_open(scene_path, data, false)) != NULL;
-    if (done)
-        drawing_resolve(&drawing, line, located.config, data, scene);
-    done = done && model_read_filled(&located, &drawing, &gaussians);
+    bool done = model_read_filled(&input->located, &input->drawing, &gaussians);
     if (done) {
+        const sgs_scene *scene = input->scene;
         sgs_view views[16];
         const size_t wanted = (size_t)run->values->views;
         const size_t count = wanted < scene->view_count ? wanted : scene->view_count;
         for (size_t v = 0; v < count; ++v)
             views[v] = scene->views[evenly_spaced(v, count, scene->view_count)];
-        const sgs_render_options render = drawing_render_options(&drawing);
+        const sgs_render_options render = drawing_render_options(&input->drawing);
         done = measure(run, model, gaussians, views, count, &render);
     }
     sgs_gaussians_destroy(gaussians);
-    sgs_scene_destroy(scene);
-    model_path_free(&located);
     return done;
 }
 
@@ -319,27 +348,46 @@ static int check_operands(const command_line *line)
     return -1;
 }
 
-// Reports wrong paths before minutes of measurement.
-static bool check_paths(const command_line *line)
+static bool open_input(const char *model, const char *scene, scene_values *data,
+                       const command_line *line, bench_input *input)
 {
-    bool found = true;
-    for (int i = 0; i < line->operand_count && found; ++i) {
-        if (is_made(line->operands[i]))
-            continue;
-        model_path located;
-        found = model_locate(line->operands[i], &located);
-        model_path_free(&located);
-        const char *scene = line->operands[++i];
-        if (found && access(scene, R_OK)) {
-            fail_run("%s: %s; specify a scene folder", scene, strerror(errno));
-            found = false;
-        }
+    drawing_group(&input->drawing); // the defaults
+    if (!model_locate(model, &input->located))
+        return false;
+    if (access(scene, R_OK)) {
+        fail_run("%s: %s; specify a scene folder", scene, strerror(errno));
+        return false;
     }
-    return found;
+    if (model_scene_resolve(data, line, &input->located) >= 0 ||
+        !(input->scene = scene_open(scene, data, false)))
+        return false;
+    drawing_resolve(&input->drawing, line, input->located.config, data, input->scene);
+    return true;
 }
 
-static bool measure_all(bench_run *run, const command_line *line, scene_values *data)
+// Opens the scenes of all models, so that wrong ones are reported before minutes of measurement.
+static bool open_inputs(bench_run *run, const command_line *line, scene_values *data)
 {
+    for (int i = 0; i < line->operand_count; ++i)
+        if (!is_made(line->operands[i])) {
+            const char *model = line->operands[i], *scene = line->operands[++i];
+            if (!open_input(model, scene, data, line, &run->inputs[run->input_count++]))
+                return false;
+        }
+    return true;
+}
+
+static void close_inputs(bench_run *run)
+{
+    for (size_t i = 0; i < run->input_count; ++i) {
+        sgs_scene_destroy(run->inputs[i].scene);
+        model_path_free(&run->inputs[i].located);
+    }
+}
+
+static bool measure_all(bench_run *run, const command_line *line)
+{
+    size_t input = 0;
     if (!line->operand_count)
         for (size_t i = 0; sgs_bench_scene_name(i); ++i)
             if (!sgs_bench_scene_by_name_only(i) &&
@@ -347,9 +395,11 @@ static bool measure_all(bench_run *run, const command_line *line, scene_values *
                 return false;
     for (int i = 0; i < line->operand_count && !interrupt_signal(); ++i) {
         const char *operand = line->operands[i];
-        if (!(is_made(operand) ? measure_made(run, operand)
-                               : measure_model(run, operand, line->operands[++i], data, line)))
+        const bool made = is_made(operand);
+        if (!(made ? measure_made(run, operand)
+                   : measure_model(run, operand, &run->inputs[input++])))
             return false;
+        i += !made; // its SCENE
     }
     return true;
 }
@@ -357,26 +407,25 @@ static bool measure_all(bench_run *run, const command_line *line, scene_values *
 static int run_bench(const bench_values *values, const command_line *line, scene_values *data)
 {
     bench_run run = {.values = values};
-    bool done = check_paths(line) && make_settings(&run, option_given(line, "isa"));
-    run.report.results = calloc((run.setting_count + 1) * 8, sizeof *run.report.results);
+    bool done = open_inputs(&run, line, data) && make_settings(&run, option_given(line, "isa"));
+    run.report.results =
+        calloc((run.setting_count + 1) * OPERANDS_MOST, sizeof *run.report.results);
     if (done && !run.report.results) {
         fail_run("not enough memory for the measurements");
         done = false;
     }
-    done = done && measure_all(&run, line, data);
-    if (done && !interrupt_signal()) {
+    done = done && measure_all(&run, line);
+    if (run.report.count) { // also those before an error or a signal
         if (values->json)
-            done = bench_print_json(&run.report);
+            done = bench_print_json(&run.report) && done;
         else if (values->csv)
             bench_print_csv(&run.report);
         else
             bench_print_table(&run.report);
     }
-    for (size_t i = 0; run.report.results && i < run.report.count; ++i) {
-        free(run.report.results[i].measures);
-        free(run.report.results[i].ranks);
-    }
+    free_results(&run, 0);
     free(run.report.results);
+    close_inputs(&run);
     return interrupt_signal() ? interrupt_status() : done ? EXIT_DONE : EXIT_FAILED;
 }
 
@@ -424,7 +473,7 @@ int command_bench(int argc, char **argv)
                          .description = description,
                          .groups = groups,
                          .group_count = sizeof groups / sizeof *groups,
-                         .operand_maximum = 8};
+                         .operand_maximum = OPERANDS_MOST};
     int status = command_line_parse(&line, argc, argv);
     if (status < 0 && values.json && values.csv)
         status = fail_usage("--json and --csv are mutually exclusive");

@@ -54,7 +54,8 @@ typedef struct sgs_render_options {
     double compact_box;
     // Keep what sgs_renderer_backward requires: the list of hits of each tile.
     bool differentiable;
-    // Called between bands of rows, or NULL; must be NULL with `differentiable`.
+    // Called between bands of rows, and with `done` 0 while the rays of a frame of a million pixels
+    // or more are prepared; or NULL. Must be NULL with `differentiable`.
     sgs_progress_fn progress;
     void *progress_user;
 } sgs_render_options;

@@ -14,17 +14,37 @@
 #include "base/core.h"
 #include "base/threads.h"
 
+// The caller's progress function, for the loops over a large image.
+typedef struct watch {
+    sgs_progress_fn progress; // or NULL
+    void *user;
+    size_t total;
+    atomic_bool stopped;
+} watch;
+
+// True if the rest of a loop is to be skipped. The first thread of a loop, the caller's, asks.
+static bool is_stopped(watch *w, int thread)
+{
+    if (!w->progress)
+        return false;
+    if (thread == 0 && !w->stopped && !w->progress(w->user, 0, w->total))
+        w->stopped = true;
+    return w->stopped;
+}
+
 typedef struct direction_map {
     const sgs_camera *camera;
     float (*directions)[3]; // [height * width]; NaN where the lens has no ray
     atomic_bool sideways;   // a ray has z <= 0
+    watch *watch;
 } direction_map;
 
 static void unproject_row(void *context, size_t y, int thread)
 {
-    (void)thread;
     direction_map *map = context;
     bool sideways = false;
+    if (is_stopped(map->watch, thread))
+        return;
     for (int x = 0; x < map->camera->width; ++x) {
         float *out = map->directions[y * (size_t)map->camera->width + (size_t)x];
         double d[3];
@@ -184,15 +204,17 @@ typedef struct tile_job {
 // Fills the tiles of a row of macrotiles.
 static void fill_tile_rows(void *context, size_t row, int thread)
 {
-    (void)thread;
     tile_job *job = context;
     const int side = job->macrotile_side, first = (int)row * side;
     const float least = side > 1 ? 0.5f : 0.05f;
     const direction_map *map = job->map;
     sgsi_rays *rays = job->rays;
+    if (is_stopped(map->watch, thread))
+        return;
     for (int y = first; y < first + side && y < rays->tiles_y; ++y)
         for (int x = 0; x < rays->tiles_x; ++x) {
             sgsi_tile_rays *tile = &rays->tiles[y * rays->tiles_x + x];
+            memset(tile, 0, sizeof *tile);
             tile->x = x * SGSI_TILE;
             tile->y = y * SGSI_TILE;
             const int corner_x = x % side, corner_y = y - first; // tile within its macrotile
@@ -200,7 +222,6 @@ static void fill_tile_rows(void *context, size_t row, int thread)
                 const sgsi_tile_rays *corner = tile - corner_y * rays->tiles_x - corner_x;
                 memcpy(tile->frame, corner->frame, sizeof tile->frame);
             } else {
-                memset(tile->frame, 0, sizeof tile->frame);
                 if (sum_directions(map, tile->x, tile->y, side * SGSI_TILE, tile->frame))
                     normalize(tile->frame);
                 else
@@ -241,10 +262,11 @@ typedef struct macrotile_job {
 
 static void fill_macrotile(void *context, size_t macrotile_index, int thread)
 {
-    (void)thread;
     const macrotile_job *job = context;
     const direction_map *map = job->map;
     sgsi_rays *rays = job->rays;
+    if (is_stopped(map->watch, thread))
+        return;
     const int macrotile = (int)macrotile_index;
     const int size = rays->macrotile_side * SGSI_TILE, step = size / 4;
     const int x0 = macrotile % rays->macrotiles_x * size,
@@ -293,10 +315,11 @@ typedef struct row_job {
 
 static void widest_of_row(void *context, size_t y, int thread)
 {
-    (void)thread;
     const row_job *job = context;
     const int width = job->map->camera->width;
-    job->versine[y] = widest_versine(job->map, 0, (int)y, width, 1, job->axis);
+    job->versine[y] = 0;
+    if (!is_stopped(job->map->watch, thread))
+        job->versine[y] = widest_versine(job->map, 0, (int)y, width, 1, job->axis);
 }
 
 // False if out of memory.
@@ -327,18 +350,12 @@ static bool fill_image_cone(sgsi_rays *rays, const direction_map *map)
     return true;
 }
 
-sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays)
+// An empty table for the camera; NULL if out of memory.
+static sgsi_rays *allocate(const sgs_camera *camera)
 {
-    *rays = NULL;
-    const sgs_status status = sgs_camera_validate(camera);
-    if (status)
-        return status;
     sgsi_rays *made = sgsi_calloc(1, sizeof *made);
-    direction_map map = {.camera = camera,
-                         .directions = sgsi_alloc((size_t)camera->width * (size_t)camera->height,
-                                                  sizeof *map.directions)};
-    if (!made || !map.directions)
-        goto out_of_memory;
+    if (!made)
+        return NULL;
     made->camera = *camera;
     made->tiles_x = (camera->width + SGSI_TILE - 1) / SGSI_TILE;
     made->tiles_y = (camera->height + SGSI_TILE - 1) / SGSI_TILE;
@@ -347,37 +364,70 @@ sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_r
     sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
     made->fx = (float)fx, made->fy = (float)fy, made->cx = (float)cx, made->cy = (float)cy;
     made->focal = (float)sqrt(fx * fy);
-    made->tiles = sgsi_calloc((size_t)made->tiles_x * (size_t)made->tiles_y, sizeof *made->tiles);
-    if (!made->tiles || !sgsi_cells_set(&made->cells, camera->width, camera->height))
-        goto out_of_memory;
-    sgsi_parallel_for((size_t)camera->height, 8, unproject_row, &map);
-    made->forward = !map.sideways;
+    // Each is zeroed when it is filled: for a large frame, that alone takes seconds.
+    made->tiles = sgsi_alloc((size_t)made->tiles_x * (size_t)made->tiles_y, sizeof *made->tiles);
+    if (made->tiles && sgsi_cells_set(&made->cells, camera->width, camera->height))
+        return made;
+    sgsi_rays_destroy(made);
+    return NULL;
+}
+
+static sgs_status no_memory(const sgs_camera *camera)
+{
+    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the rays of a %dx%d camera",
+                     camera->width, camera->height);
+}
+
+static sgs_status fill(sgsi_rays *rays, direction_map *map, int macrotile_side)
+{
+    const sgs_camera *camera = map->camera;
+    sgsi_parallel_for((size_t)camera->height, 8, unproject_row, map);
+    rays->forward = !map->sideways;
     macrotile_side = macrotile_side < SGSI_MACROTILE_SIDE ? macrotile_side : SGSI_MACROTILE_SIDE;
-    while (macrotile_side && !fill_tiles(made, &map, macrotile_side))
+    while (macrotile_side && !fill_tiles(rays, map, macrotile_side))
         macrotile_side /= 2;
-    if (!macrotile_side) {
-        sgsi_free(map.directions);
-        sgsi_rays_destroy(made);
+    if (!macrotile_side)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
             "%dx%d image is too small for its lens: %d pixels span more than 174 degrees",
             camera->width, camera->height, SGSI_TILE);
-    }
     const int macrotile = macrotile_side * SGSI_TILE;
-    made->macrotile_side = macrotile_side;
-    made->macrotiles_x = (camera->width + macrotile - 1) / macrotile;
-    made->macrotiles_y = (camera->height + macrotile - 1) / macrotile;
-    if (!fill_macrotiles(made, &map) || !fill_image_cone(made, &map))
-        goto out_of_memory;
+    rays->macrotile_side = macrotile_side;
+    rays->macrotiles_x = (camera->width + macrotile - 1) / macrotile;
+    rays->macrotiles_y = (camera->height + macrotile - 1) / macrotile;
+    return fill_macrotiles(rays, map) && fill_image_cone(rays, map) ? SGS_STATUS_OK
+                                                                    : no_memory(camera);
+}
+
+sgs_status sgsi_rays_create_watched(const sgs_camera *camera, int macrotile_side,
+                                    sgs_progress_fn progress, void *user, sgsi_rays **rays)
+{
+    *rays = NULL;
+    sgs_status status = sgs_camera_validate(camera);
+    if (status)
+        return status;
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    sgsi_rays *made = allocate(camera);
+    watch own = {.progress = pixels < SGSI_WATCHED_PIXELS ? NULL : progress,
+                 .user = user,
+                 .total = made ? (size_t)made->tiles_y : 0};
+    direction_map map = {
+        .camera = camera, .directions = sgsi_alloc(pixels, sizeof *map.directions), .watch = &own};
+    status = made && map.directions ? fill(made, &map, macrotile_side) : no_memory(camera);
     sgsi_free(map.directions);
+    if (own.stopped)
+        status = sgsi_fail(SGS_STATUS_CANCELLED, "rendering was cancelled");
+    if (status) {
+        sgsi_rays_destroy(made);
+        return status;
+    }
     *rays = made;
     return SGS_STATUS_OK;
+}
 
-out_of_memory:
-    sgsi_free(map.directions);
-    sgsi_rays_destroy(made);
-    return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the rays of a %dx%d camera",
-                     camera->width, camera->height);
+sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays)
+{
+    return sgsi_rays_create_watched(camera, macrotile_side, NULL, NULL, rays);
 }
 
 void sgsi_rays_destroy(sgsi_rays *rays)
@@ -513,6 +563,12 @@ static bool goes_before(const sgsi_ray_cache *cache, int a, int b)
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                               const sgsi_rays **rays)
 {
+    return sgsi_ray_cache_get_watched(cache, camera, NULL, NULL, rays);
+}
+
+sgs_status sgsi_ray_cache_get_watched(sgsi_ray_cache *cache, const sgs_camera *camera,
+                                      sgs_progress_fn progress, void *user, const sgsi_rays **rays)
+{
     *rays = NULL;
     ++cache->clock;
     for (int i = 0; i < CACHE_SLOTS; ++i) {
@@ -532,8 +588,8 @@ sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                 evicted = i;
         }
         if (empty >= 0 && (evicted < 0 || cache->bytes + bytes <= cache->byte_limit)) {
-            const sgs_status status =
-                sgsi_rays_create(camera, sgsi_macrotile_side(camera), &cache->slots[empty].rays);
+            const sgs_status status = sgsi_rays_create_watched(
+                camera, sgsi_macrotile_side(camera), progress, user, &cache->slots[empty].rays);
             if (status)
                 return status;
             cache->slots[empty].bytes = bytes;

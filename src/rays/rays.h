@@ -85,6 +85,13 @@ typedef struct sgsi_view {
 sgs_status sgsi_rays_create(const sgs_camera *camera, int macrotile_side, sgsi_rays **rays);
 void sgsi_rays_destroy(sgsi_rays *rays); // accepts NULL
 
+// The same for a caller who may stop it. For images of at least SGSI_WATCHED_PIXELS, `progress` is
+// called every few rows, on the calling thread, with `done` 0 and the rows of tiles as `total`.
+// Fails with CANCELLED after it returned false. NULL: not called.
+enum { SGSI_WATCHED_PIXELS = 1 << 20 };
+sgs_status sgsi_rays_create_watched(const sgs_camera *camera, int macrotile_side,
+                                    sgs_progress_fn progress, void *user, sgsi_rays **rays);
+
 // Index in rays->tiles of tile k (< macrotile_side^2) of a macrotile; -1 outside the image.
 static inline int sgsi_macrotile_tile(const sgsi_rays *rays, int macrotile, int k)
 {
@@ -114,3 +121,6 @@ size_t sgsi_ray_cache_bytes(const sgsi_ray_cache *cache);
 // The table is valid until the next call. Fails as sgsi_rays_create; *rays is then NULL.
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
                               const sgsi_rays **rays);
+// The same with the progress function of sgsi_rays_create_watched.
+sgs_status sgsi_ray_cache_get_watched(sgsi_ray_cache *cache, const sgs_camera *camera,
+                                      sgs_progress_fn progress, void *user, const sgsi_rays **rays);

@@ -266,7 +266,8 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
     if (!status)
         status = sgs_pose_validate(pose);
     if (!status)
-        status = sgsi_ray_cache_get(renderer->rays, camera, &rays);
+        status = sgsi_ray_cache_get_watched(renderer->rays, camera, options->progress,
+                                            options->progress_user, &rays);
     if (!status && options->axis_depth && !rays->forward)
         status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
                            "option axis_depth is not defined for rays 90 degrees or more from the "

@@ -243,6 +243,77 @@ static void cache_returns_one_table_per_camera_within_its_limit(void **state)
     sgsi_ray_cache_destroy(NULL);
 }
 
+typedef struct watcher {
+    size_t calls, last_call; // last_call: returns false; 0: never
+} watcher;
+
+static bool watch_rays(void *user, size_t done, size_t total)
+{
+    watcher *w = user;
+    assert_int_equal(done, 0);
+    assert_int_equal(total, 63); // ceil(1000 / 16)
+    return ++w->calls != w->last_call;
+}
+
+static void large_tables_can_be_stopped_at_any_call(void **state)
+{
+    (void)state;
+    const sgs_camera camera = {SGS_CAMERA_OPENCV, 1100, 1000, {900, 910, 540, 510, -0.1, 0.02}};
+    sgsi_rays *whole, *rays;
+    watcher w = {0};
+    assert_int_equal(sgsi_rays_create(&camera, 2, &whole), SGS_STATUS_OK);
+    assert_int_equal(sgsi_rays_create_watched(&camera, 2, watch_rays, &w, &rays), SGS_STATUS_OK);
+    const size_t tiles = (size_t)whole->tiles_x * (size_t)whole->tiles_y;
+    assert_memory_equal(rays->tiles, whole->tiles, tiles * sizeof *whole->tiles);
+    assert_true(rays->cone_cos == whole->cone_cos);
+    sgsi_rays_destroy(rays);
+    sgsi_rays_destroy(whole);
+    sgsi_threads_set(1); // then every row is a call, in each of the three loops over rows
+    w = (watcher){0};
+    assert_int_equal(sgsi_rays_create_watched(&camera, 2, watch_rays, &w, &rays), SGS_STATUS_OK);
+    sgsi_rays_destroy(rays);
+    const size_t all = w.calls;
+    assert_true(all >= 1000 + 32 + 1000);
+    for (int threads = 1; threads <= 2; ++threads) {
+        sgsi_threads_set(threads);
+        for (size_t k = 1; k <= all; k += k < 3 ? 1 : all / 9) {
+            w = (watcher){.last_call = k};
+            const sgs_status status = sgsi_rays_create_watched(&camera, 2, watch_rays, &w, &rays);
+            if (threads == 2 && w.calls < k) { // the second thread took the rows
+                sgsi_rays_destroy(rays);
+                continue;
+            }
+            assert_int_equal(status, SGS_STATUS_CANCELLED);
+            assert_null(rays);
+            assert_int_equal(w.calls, k); // none afterwards
+        }
+    }
+    sgsi_threads_set(0);
+}
+
+static void stopped_table_leaves_the_cache_usable(void **state)
+{
+    (void)state;
+    const sgs_camera camera = {SGS_CAMERA_PINHOLE, 1100, 1000, {900, 910, 540, 510}};
+    sgsi_ray_cache *cache;
+    const sgsi_rays *rays;
+    watcher w = {.last_call = 1};
+    assert_int_equal(sgsi_ray_cache_create((size_t)1 << 30, 0, &cache), SGS_STATUS_OK);
+    assert_int_equal(sgsi_ray_cache_get_watched(cache, &camera, watch_rays, &w, &rays),
+                     SGS_STATUS_CANCELLED);
+    assert_null(rays);
+    assert_int_equal(sgsi_ray_cache_bytes(cache), 0);
+    assert_int_equal(sgsi_ray_cache_get_watched(cache, &camera, watch_rays, &w, &rays),
+                     SGS_STATUS_OK);
+    const size_t calls = w.calls;
+    assert_int_equal(sgsi_ray_cache_get_watched(cache, &camera, watch_rays, &w, &rays),
+                     SGS_STATUS_OK); // found
+    assert_int_equal(sgsi_ray_cache_get_watched(cache, &cameras[0], watch_rays, &w, &rays),
+                     SGS_STATUS_OK); // small
+    assert_int_equal(w.calls, calls);
+    sgsi_ray_cache_destroy(cache);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -253,6 +324,8 @@ int main(void)
         cmocka_unit_test(every_failed_allocation_is_reported),
         cmocka_unit_test(cache_keeps_tables_over_epochs),
         cmocka_unit_test(cache_returns_one_table_per_camera_within_its_limit),
+        cmocka_unit_test(large_tables_can_be_stopped_at_any_call),
+        cmocka_unit_test(stopped_table_leaves_the_cache_usable),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

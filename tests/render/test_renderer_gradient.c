@@ -321,6 +321,34 @@ static void a_rendering_with_progress_has_the_same_bits_and_can_be_cancelled(voi
     drawing_free(&d);
 }
 
+static bool stop(void *user, size_t done, size_t total)
+{
+    (void)total;
+    *(size_t *)user = done;
+    return false;
+}
+
+static void a_large_rendering_is_cancelled_before_its_first_band(void **state)
+{
+    (void)state;
+    drawing d = drawing_create(45, 100, SGS_CAMERA_PINHOLE, SGS_FILTER_3DGS);
+    sgs_frame frame;
+    size_t done = 1;
+    d.camera = oracle_camera(SGS_CAMERA_PINHOLE, 1100, 1000);
+    d.options.differentiable = false;
+    d.options.progress = stop;
+    d.options.progress_user = &done;
+    assert_int_equal(sgs_frame_create(1100, 1000, &frame), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_render(d.renderer, &d.camera, &d.pose, &d.options, &frame),
+                     SGS_STATUS_CANCELLED);
+    assert_int_equal(done, 0); // the rays were not complete
+    d.options.progress = NULL;
+    assert_int_equal(sgs_renderer_render(d.renderer, &d.camera, &d.pose, &d.options, &frame),
+                     SGS_STATUS_OK);
+    sgs_frame_free(&frame);
+    drawing_free(&d);
+}
+
 // ---- Threads ----
 
 typedef struct painter {
@@ -430,6 +458,7 @@ int main(void)
         cmocka_unit_test(invalid_gradient_calls_are_refused),
         cmocka_unit_test(a_refitted_renderer_draws_the_bits_of_a_new_one),
         cmocka_unit_test(a_rendering_with_progress_has_the_same_bits_and_can_be_cancelled),
+        cmocka_unit_test(a_large_rendering_is_cancelled_before_its_first_band),
         cmocka_unit_test(renderers_of_two_threads_do_not_disturb_each_other),
         cmocka_unit_test(the_number_of_threads_may_change_before_the_gradient),
         cmocka_unit_test(options_of_other_sizes_are_filled_up_or_refused),

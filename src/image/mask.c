@@ -177,14 +177,6 @@ static void lens_row(void *context, size_t y, int thread)
             row[x / 16] &= (uint16_t) ~(1u << x % 16);
 }
 
-static size_t count_valid(const uint16_t *valid_mask, int width, int height)
-{
-    size_t count = 0;
-    for (size_t i = 0; i < sgs_mask_words(width) * (size_t)height; ++i)
-        count += (size_t)__builtin_popcount(valid_mask[i]);
-    return count;
-}
-
 sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask, size_t *rays)
 {
     *valid_mask = NULL;
@@ -195,7 +187,7 @@ sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask, si
     if (status)
         return status;
     sgsi_parallel_for((size_t)camera->height, 8, lens_row, &(lens_rows){camera, *valid_mask});
-    *rays = count_valid(*valid_mask, camera->width, camera->height);
+    *rays = sgsi_mask_count(*valid_mask, camera->width, camera->height);
     return SGS_STATUS_OK;
 }
 

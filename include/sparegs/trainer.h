@@ -312,9 +312,13 @@ typedef struct sgs_trainer sgs_trainer;
 SGS_API size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
                                 size_t image_cache, size_t gaussians);
 // The same for each of several ranks that share the primitives (sgs_trainer_ranks_set), including
-// the evaluation of the whole model after training.
+// the evaluation of the whole model after training. ray_limit as in sgs_trainer_ray_limit_set.
 SGS_API size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options *options,
-                                         size_t image_cache, size_t gaussians, int ranks);
+                                         size_t image_cache, size_t gaussians, int ranks,
+                                         size_t ray_limit);
+// Suitable limit of the ray tables of a process that may use `memory` bytes, 0 = that of the
+// machine: 1/16, at least 1 GiB. Cannot fail.
+SGS_API size_t sgs_train_ray_limit(uint64_t memory);
 
 // Creates a trainer; release it with sgs_trainer_destroy. The scene, with loaded images, must
 // outlive it. Options and options->init are copied; options NULL = the defaults. Fails with
@@ -340,12 +344,18 @@ SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
 // Limits the memory of the process to `bytes`; 0 = no limit. A step whose structural update would
 // exceed it fails with OUT_OF_MEMORY and changes nothing. image_cache as in sgs_train_memory. With
 // several ranks, the limits may differ; the step fails on all of them if one exceeds its limit.
-// Cannot fail.
+// Also lowers the limit of the ray tables to sgs_train_ray_limit(bytes). Cannot fail.
 SGS_API void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache);
 
 // Memory that the process uses beside the training, for example for a viewer: `bytes`, and
 // `row_bytes` per primitive. It counts against the limit. 0 and 0 by default. Cannot fail.
 SGS_API void sgs_trainer_memory_beside_set(sgs_trainer *trainer, size_t bytes, size_t row_bytes);
+
+// Limit of the memory for ray tables, bytes; initially sgs_train_ray_limit(0). A trainer keeps the
+// table of each different camera, about 10 bytes per pixel; beyond the limit, an iteration builds
+// the table of its view, which takes a noticeable fraction of its time. Applies when the next table
+// is built. Without influence on results. Cannot fail.
+SGS_API void sgs_trainer_ray_limit_set(sgs_trainer *trainer, size_t bytes);
 
 // Runs one iteration. The last one sets info->stop; further calls fail with LIMIT. Structural
 // updates, opacity resets and changes of the image size that belong to an iteration are made by the

@@ -510,16 +510,23 @@ int sgsi_macrotile_side(const sgs_camera *camera)
     return macrotiles < FEW_MACROTILES ? 1 : MACROTILE_SIDE;
 }
 
-enum { CACHE_SLOTS = 256 };
+size_t sgsi_ray_table_bytes(int width, int height)
+{
+    return sgsi_tile_count(width, height) * sizeof(sgsi_tile_rays);
+}
+
+typedef struct cache_slot {
+    sgsi_rays *rays;
+    uint64_t key; // of the camera: the scan for it then stays in this array
+    size_t bytes;
+    uint64_t used;
+} cache_slot;
 
 struct sgsi_ray_cache {
     size_t byte_limit, bytes, period;
     uint64_t clock; // lookups
-    struct {
-        sgsi_rays *rays;
-        size_t bytes;
-        uint64_t used;
-    } slots[CACHE_SLOTS];
+    cache_slot *slots;
+    size_t count, capacity;
 };
 
 sgs_status sgsi_ray_cache_create(size_t byte_limit, size_t period, sgsi_ray_cache **cache)
@@ -536,8 +543,9 @@ void sgsi_ray_cache_destroy(sgsi_ray_cache *cache)
 {
     if (!cache)
         return;
-    for (int i = 0; i < CACHE_SLOTS; ++i)
+    for (size_t i = 0; i < cache->count; ++i)
         sgsi_rays_destroy(cache->slots[i].rays);
+    sgsi_free(cache->slots);
     sgsi_free(cache);
 }
 
@@ -546,18 +554,57 @@ void sgsi_ray_cache_limit_set(sgsi_ray_cache *cache, size_t byte_limit)
     cache->byte_limit = byte_limit;
 }
 
+size_t sgsi_ray_cache_limit(const sgsi_ray_cache *cache)
+{
+    return cache->byte_limit;
+}
+
 size_t sgsi_ray_cache_bytes(const sgsi_ray_cache *cache)
 {
     return cache->bytes;
 }
 
-// Which of two tables is evicted first.
-static bool goes_before(const sgsi_ray_cache *cache, int a, int b)
+// Equal for equal cameras.
+static uint64_t camera_key(const sgs_camera *camera)
 {
-    const uint64_t used_a = cache->slots[a].used, used_b = cache->slots[b].used,
-                   oldest = used_a < used_b ? used_a : used_b;
+    uint64_t key = sgsi_random_bits((uint64_t)camera->model,
+                                    (uint64_t)camera->width << 32 | (uint64_t)camera->height);
+    for (size_t i = 0; i < sizeof camera->params / sizeof *camera->params; ++i) {
+        uint64_t bits;
+        memcpy(&bits, &camera->params[i], sizeof bits);
+        key = sgsi_random_bits(key, bits);
+    }
+    return key;
+}
+
+// Which of two tables is evicted first.
+static bool goes_before(const sgsi_ray_cache *cache, const cache_slot *a, const cache_slot *b)
+{
+    const uint64_t oldest = a->used < b->used ? a->used : b->used;
     const bool stale = cache->clock - oldest > cache->period;
-    return stale ? used_a < used_b : used_a > used_b;
+    return stale ? a->used < b->used : a->used > b->used;
+}
+
+static void evict(sgsi_ray_cache *cache)
+{
+    cache_slot *evicted = cache->slots;
+    for (cache_slot *slot = evicted + 1; slot < cache->slots + cache->count; ++slot)
+        if (goes_before(cache, slot, evicted))
+            evicted = slot;
+    cache->bytes -= evicted->bytes;
+    sgsi_rays_destroy(evicted->rays);
+    *evicted = cache->slots[--cache->count];
+}
+
+static sgs_status reserve_slot(sgsi_ray_cache *cache)
+{
+    if (cache->count < cache->capacity)
+        return SGS_STATUS_OK;
+    const size_t capacity = 2 * cache->capacity + 16;
+    if (!sgsi_grow((void **)&cache->slots, cache->count, capacity, sizeof *cache->slots))
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the ray cache");
+    cache->capacity = capacity;
+    return SGS_STATUS_OK;
 }
 
 sgs_status sgsi_ray_cache_get(sgsi_ray_cache *cache, const sgs_camera *camera,
@@ -571,35 +618,27 @@ sgs_status sgsi_ray_cache_get_watched(sgsi_ray_cache *cache, const sgs_camera *c
 {
     *rays = NULL;
     ++cache->clock;
-    for (int i = 0; i < CACHE_SLOTS; ++i) {
-        if (cache->slots[i].rays && sgs_camera_equal(&cache->slots[i].rays->camera, camera)) {
-            cache->slots[i].used = cache->clock;
-            *rays = cache->slots[i].rays;
+    const uint64_t key = camera_key(camera);
+    for (size_t i = 0; i < cache->count; ++i) {
+        cache_slot *slot = &cache->slots[i];
+        if (slot->key == key && sgs_camera_equal(&slot->rays->camera, camera)) {
+            slot->used = cache->clock;
+            *rays = slot->rays;
             return SGS_STATUS_OK;
         }
     }
-    const size_t bytes = sgsi_tile_count(camera->width, camera->height) * sizeof(sgsi_tile_rays);
-    for (;;) {
-        int evicted = -1, empty = -1;
-        for (int i = 0; i < CACHE_SLOTS; ++i) {
-            if (!cache->slots[i].rays)
-                empty = i;
-            else if (evicted < 0 || goes_before(cache, i, evicted))
-                evicted = i;
-        }
-        if (empty >= 0 && (evicted < 0 || cache->bytes + bytes <= cache->byte_limit)) {
-            const sgs_status status = sgsi_rays_create_watched(
-                camera, sgsi_macrotile_side(camera), progress, user, &cache->slots[empty].rays);
-            if (status)
-                return status;
-            cache->slots[empty].bytes = bytes;
-            cache->slots[empty].used = cache->clock;
-            cache->bytes += bytes;
-            *rays = cache->slots[empty].rays;
-            return SGS_STATUS_OK;
-        }
-        cache->bytes -= cache->slots[evicted].bytes;
-        sgsi_rays_destroy(cache->slots[evicted].rays);
-        cache->slots[evicted].rays = NULL;
-    }
+    const size_t bytes = sgsi_ray_table_bytes(camera->width, camera->height);
+    while (cache->count && cache->bytes + bytes > cache->byte_limit)
+        evict(cache);
+    sgs_status status = reserve_slot(cache);
+    cache_slot made = {.key = key, .bytes = bytes, .used = cache->clock};
+    if (!status)
+        status = sgsi_rays_create_watched(camera, sgsi_macrotile_side(camera), progress, user,
+                                          &made.rays);
+    if (status)
+        return status;
+    cache->slots[cache->count++] = made;
+    cache->bytes += bytes;
+    *rays = made.rays;
+    return SGS_STATUS_OK;
 }

@@ -18,7 +18,7 @@ enum {
     SGSI_MACROTILE_SIDE = 4 // maximum, tiles
 };
 
-// Limit of the ray tables of a renderer and of a trainer, bytes; see sgs_renderer_ray_limit_set.
+// Limit of the ray tables of a renderer, bytes; see sgs_renderer_ray_limit_set.
 #define SGSI_RAY_CACHE_BYTES ((size_t)1 << 30)
 
 // Tiles of an image.
@@ -106,7 +106,11 @@ void sgsi_rays_cell_cones(const sgsi_rays *rays, sgsi_cone *cones);
 // The macrotile_side for a camera. Depends on its image size only, not on the number of threads.
 int sgsi_macrotile_side(const sgs_camera *camera);
 
-// Cache of up to 256 ray tables by camera. It holds one table even if that exceeds the limit.
+// Bytes of a camera's table in the cache.
+size_t sgsi_ray_table_bytes(int width, int height);
+
+// Cache of ray tables by camera: cameras with equal values share a table. It holds one table even
+// if that exceeds the limit.
 // `period`: lookups within which every camera is expected again, such as twice the number of views
 // for epochs in random order. A full cache evicts a table unused for longer, the least recently
 // used one; otherwise the most recently used one, which is needed again last. 0: always the least
@@ -116,6 +120,7 @@ sgs_status sgsi_ray_cache_create(size_t byte_limit, size_t period, sgsi_ray_cach
 void sgsi_ray_cache_destroy(sgsi_ray_cache *cache); // accepts NULL
 // Applies when the next table is made.
 void sgsi_ray_cache_limit_set(sgsi_ray_cache *cache, size_t byte_limit);
+size_t sgsi_ray_cache_limit(const sgsi_ray_cache *cache);
 // Bytes of the tables it holds.
 size_t sgsi_ray_cache_bytes(const sgsi_ray_cache *cache);
 // The table is valid until the next call. Fails as sgsi_rays_create; *rays is then NULL.

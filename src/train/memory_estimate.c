@@ -30,9 +30,7 @@ enum {
     VOXEL_BYTES = 44, // of the grid of SPARE-GS
     // Per pixel of the largest view: image and gradient, loss, lists of hits, gradient records.
     PIXEL_BYTES = 120,
-    // Per pixel of each different camera, up to the limit of the ray cache, which holds at least
-    // one table: the table, and the directions from which it is made.
-    RAY_BYTES = 24,
+    DIRECTION_BYTES = 14, // per pixel of the largest camera, while its ray table is made
     // After training, per primitive: parameters, tracing, BVH.
     EVALUATED_BYTES = 420,
     SSIM_BYTES = 1080,      // per thread and column of the widest image: scratch of sgs_ssim_masked
@@ -43,11 +41,11 @@ enum {
     MOST_CAMERAS = 256 // number of cameras compared with each other
 };
 
-// Pixels of all different cameras.
-static size_t ray_pixels(const sgs_scene *scene)
+// Bytes of the ray tables of all different cameras.
+static size_t table_bytes(const sgs_scene *scene)
 {
     const sgs_camera *distinct[MOST_CAMERAS];
-    size_t count = 0, pixels = 0;
+    size_t count = 0, bytes = 0;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_camera *camera = &scene->views[i].camera;
         size_t k = 0;
@@ -55,17 +53,18 @@ static size_t ray_pixels(const sgs_scene *scene)
             ++k;
         if (k < count)
             continue;
-        pixels += (size_t)camera->width * (size_t)camera->height;
+        bytes += sgsi_ray_table_bytes(camera->width, camera->height);
         if (count < MOST_CAMERAS)
             distinct[count++] = camera;
     }
-    return pixels;
+    return bytes;
 }
 
 size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options,
                         size_t image_cache, size_t gaussians)
 {
-    return sgs_train_memory_per_rank(scene, options, image_cache, gaussians, 1);
+    return sgs_train_memory_per_rank(scene, options, image_cache, gaussians, 1,
+                                     sgs_train_ray_limit(0));
 }
 
 // Bytes of SPARE-GS in a structural update that do not depend on the primitives.
@@ -75,13 +74,14 @@ static size_t grid_bytes(const sgs_train_options *options)
     return options->spare & (SGS_SPARE_BMD | SGS_SPARE_RAP) ? grid * grid * grid * VOXEL_BYTES : 0;
 }
 
-// Bytes of the ray tables; `largest`: pixels of the largest camera.
-static size_t ray_bytes(const sgs_scene *scene, size_t largest, bool reduces)
+// Bytes of the ray tables, of which there is at least one. pixels, one: of the largest camera, and
+// the bytes of its table.
+static size_t ray_bytes(const sgs_scene *scene, size_t pixels, size_t one, bool reduces,
+                        size_t limit)
 {
-    const size_t tables = ray_pixels(scene) * RAY_BYTES * (reduces ? 5 : 4) / 4,
-                 kept = tables < SGSI_RAY_CACHE_BYTES ? tables : SGSI_RAY_CACHE_BYTES,
-                 one = largest * RAY_BYTES;
-    return kept > one ? kept : one;
+    const size_t tables = table_bytes(scene) * (reduces ? 5 : 4) / 4,
+                 kept = tables < limit ? tables : limit;
+    return (kept > one ? kept : one) + pixels * DIRECTION_BYTES;
 }
 
 // Bytes for the primitives of a rank: its own ones, and what depends on all.
@@ -108,7 +108,7 @@ static size_t larger(size_t a, size_t b)
 }
 
 size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options *options,
-                                 size_t image_cache, size_t gaussians, int ranks)
+                                 size_t image_cache, size_t gaussians, int ranks, size_t ray_limit)
 {
     sgs_train_options own = sgs_train_options_default();
     sgsi_errors_suspend();
@@ -116,12 +116,13 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     sgsi_errors_resume();
     if (status)
         return 0;
-    size_t largest = TILE_PIXELS, widest = 0, tiles = 0;
+    size_t largest = TILE_PIXELS, widest = 0, table = 0, tiles = 0;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_view *view = &scene->views[i];
         const size_t pixels = (size_t)view->camera.width * (size_t)view->camera.height;
         largest = larger(largest, pixels);
         widest = larger(widest, (size_t)view->camera.width);
+        table = larger(table, sgsi_ray_table_bytes(view->camera.width, view->camera.height));
         tiles += sgsi_tile_count(view->camera.width, view->camera.height);
     }
     const bool cached = image_cache && scene->photo_bytes > image_cache;
@@ -148,7 +149,8 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
     const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
     // Loading, training and evaluation follow each other.
-    const size_t both = largest * PIXEL_BYTES + ray_bytes(scene, largest, reduces) +
+    const size_t both = largest * PIXEL_BYTES +
+                        ray_bytes(scene, largest, table, reduces, ray_limit) +
                         (cached ? decoding_bytes(scene, decoders) : 0),
                  training =
                      threads * fullest * CANDIDATE_BYTES + lists +

@@ -8,13 +8,29 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
+#include "sparegs/runtime.h"
 #include "train/small_images.h"
 #include "train/view_ranks.h"
 #include "train/view_shards.h"
 #include "image/photo.h"
 
+// False for views that are only rendered.
+static bool are_trained(const sgsi_train_views *views)
+{
+    return views->options != NULL;
+}
+
+size_t sgs_train_ray_limit(uint64_t memory)
+{
+    const uint64_t known = memory ? memory : sgs_machine_memory(), share = known / 16;
+    return known != UINT64_MAX && share > SGSI_RAY_CACHE_BYTES ? (size_t)share
+                                                               : SGSI_RAY_CACHE_BYTES;
+}
+
 static sgs_status create_workspaces(sgsi_train_views *views, int width, int height, size_t planes)
 {
+    // Training returns to a view, other passes visit each once.
+    const size_t limit = are_trained(views) ? sgs_train_ray_limit(0) : SGSI_RAY_CACHE_BYTES;
     views->plane_floats = ((size_t)width + 15) / 16 * 16 * (size_t)height;
     views->planes = sgsi_calloc_shared(views->plane_floats, planes * sizeof(float));
     if (!views->planes)
@@ -23,14 +39,8 @@ static sgs_status create_workspaces(sgsi_train_views *views, int width, int heig
     sgs_status status = sgsi_tracer_create(&views->tracer);
     views->rows = views->tracer;
     if (!status)
-        status = sgsi_ray_cache_create(SGSI_RAY_CACHE_BYTES, 2 * views->count, &views->rays);
+        status = sgsi_ray_cache_create(limit, 2 * views->count, &views->rays);
     return status;
-}
-
-// False for views that are only rendered.
-static bool are_trained(const sgsi_train_views *views)
-{
-    return views->options != NULL;
 }
 
 static bool is_training_view(const sgs_view *view)

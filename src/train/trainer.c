@@ -628,6 +628,9 @@ void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t ima
 {
     trainer->memory_limit = bytes;
     trainer->image_cache = image_cache;
+    const size_t rays = sgs_train_ray_limit(bytes);
+    if (bytes && rays < sgsi_ray_cache_limit(trainer->views.rays))
+        sgsi_ray_cache_limit_set(trainer->views.rays, rays);
     announce_limit(trainer);
 }
 
@@ -635,6 +638,11 @@ void sgs_trainer_memory_beside_set(sgs_trainer *trainer, size_t bytes, size_t ro
 {
     trainer->beside_bytes = bytes;
     trainer->beside_row_bytes = row_bytes;
+}
+
+void sgs_trainer_ray_limit_set(sgs_trainer *trainer, size_t bytes)
+{
+    sgsi_ray_cache_limit_set(trainer->views.rays, bytes);
 }
 
 bool sgs_trainer_is_consistent(const sgs_trainer *trainer)

@@ -64,11 +64,12 @@ static bool own_memory_admits(const sgs_trainer *trainer, size_t count)
     const int ranks = sgsi_trainer_ranks(trainer);
     sgs_train_options options = trainer->options;
     options.init = trainer->has_init ? trainer->model : NULL; // what the estimate asks
+    const size_t rays = sgsi_ray_cache_limit(trainer->views.rays);
     const size_t copy = count / (size_t)ranks * SGS_PARAM_COUNT * sizeof(float);
     const size_t estimate = sgs_train_memory_per_rank(trainer->scene, &options,
-                                                      trainer->image_cache, count, ranks),
+                                                      trainer->image_cache, count, ranks, rays),
                  current = sgs_train_memory_per_rank(trainer->scene, &options, trainer->image_cache,
-                                                     before, ranks);
+                                                     before, ranks, rays);
     const size_t beside = trainer->beside_bytes + count * trainer->beside_row_bytes,
                  growth = (estimate > current ? estimate - current : 0) +
                           (count - before) * trainer->beside_row_bytes;

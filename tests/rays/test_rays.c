@@ -228,6 +228,15 @@ static void cache_returns_one_table_per_camera_within_its_limit(void **state)
         assert_true(again->camera.params[2] == 41 + i);
         assert_int_equal(sgsi_ray_cache_bytes(cache), (i < 2 ? i + 1 : 3) * bytes);
     }
+    sgsi_ray_cache_limit_set(cache, 400 * bytes);
+    for (int i = 0; i < 800; ++i) { // each is built once
+        camera.params[2] = 41 + i % 400;
+        assert_int_equal(sgsi_ray_cache_get(cache, &camera, &again), SGS_STATUS_OK);
+        assert_true(again->camera.params[2] == camera.params[2]);
+        assert_true((again->focal > 0) == (i < 400));
+        ((sgsi_rays *)again)->focal = -1; // marks it
+    }
+    assert_int_equal(sgsi_ray_cache_bytes(cache), 400 * bytes);
     sgsi_ray_cache_limit_set(cache, bytes / 2); // less than one table
     for (int i = 0; i < 3; ++i) {
         camera.params[2] = 1041 + i;

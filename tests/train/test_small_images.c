@@ -25,7 +25,7 @@ enum { ITERATIONS = 15, HALF = ITERATIONS * 3 * 20 / (10 * 45) };
 
 static sgs_scene *scene;
 
-enum { WIDTH = 960, HEIGHT = 540 };
+enum { WIDTH = 960, HEIGHT = 540, RAY_LIMIT = 1 << 30 };
 
 static uint8_t *enlarge(const sgs_photo *photo)
 {
@@ -161,23 +161,27 @@ static void the_memory_of_tiles_and_scores_is_estimated(void **state)
     twice.views = views;
     twice.view_count = 2 * n;
     for (int ranks = 1; ranks <= 2; ++ranks) {
-        const size_t once = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks);
-        assert_int_equal(sgs_train_memory_per_rank(&twice, &options, 0, 1000, ranks) - once,
+        const size_t once = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks, RAY_LIMIT);
+        assert_int_equal(sgs_train_memory_per_rank(&twice, &options, 0, 1000, ranks, RAY_LIMIT) -
+                             once,
                          tiles * (size_t)(4 * ranks));
         options.pipeline = SGS_PIPELINE_TAMING;
-        const size_t few = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks),
-                     many = sgs_train_memory_per_rank(scene, &options, 0, 1000000, ranks);
+        const size_t few = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks, RAY_LIMIT),
+                     many =
+                         sgs_train_memory_per_rank(scene, &options, 0, 1000000, ranks, RAY_LIMIT);
         options.pipeline = SGS_PIPELINE_MIP;
-        const size_t few_mip = sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks),
-                     many_mip = sgs_train_memory_per_rank(scene, &options, 0, 1000000, ranks);
+        const size_t few_mip =
+                         sgs_train_memory_per_rank(scene, &options, 0, 1000, ranks, RAY_LIMIT),
+                     many_mip =
+                         sgs_train_memory_per_rank(scene, &options, 0, 1000000, ranks, RAY_LIMIT);
         assert_int_equal((many - few) - (many_mip - few_mip), ranks > 1 ? 93 * 999000 : 0);
         options.pipeline = SGS_PIPELINE_3DGS;
     }
     free(views);
 }
 
-// 24 bytes per pixel for the rays and 120 for the images, also if one table exceeds the limit of 1
-// GiB. Without primitives, the evaluation has the peak: 1080 per thread and column.
+// Per pixel, 14 bytes and the table for the rays and 120 for the images, also if one table exceeds
+// the limit of 1 GiB. Without primitives, the evaluation has the peak: 1080 per thread and column.
 static void the_rays_of_a_camera_beyond_the_limit_are_estimated(void **state)
 {
     (void)state;
@@ -189,11 +193,70 @@ static void the_rays_of_a_camera_beyond_the_limit_are_estimated(void **state)
     one.view_count = 1;
     view.camera.height = 16384;
     for (int wide = 0; wide < 2; ++wide) {
-        view.camera.width = 4096 << wide;
-        bytes[wide] = sgs_train_memory(&one, &options, 0, 0);
+        view.camera.width = 8192 << wide;
+        bytes[wide] = sgs_train_memory_per_rank(&one, &options, 0, 0, 1, RAY_LIMIT);
     }
-    assert_int_equal(bytes[1] - bytes[0],
-                     (size_t)4096 * 16384 * (24 + 120) + 1080 * 4096 * (size_t)sgs_threads_get());
+    const size_t tiles = 512 * 1024;
+    assert_int_equal(bytes[1] - bytes[0], (size_t)8192 * 16384 * (14 + 120) +
+                                              tiles * sizeof(sgsi_tile_rays) +
+                                              1080 * 8192 * (size_t)sgs_threads_get());
+}
+
+// With a camera per image, the tables take what the limit allows, and equal cameras share one.
+static void the_ray_tables_of_all_cameras_are_estimated(void **state)
+{
+    (void)state;
+    enum { VIEWS = 6 };
+    const sgs_train_options options = short_run();
+    const size_t table = 60 * 34 * sizeof(sgsi_tile_rays); // 960 x 540 pixels
+    sgs_view views[VIEWS];
+    sgs_scene few = *scene;
+    few.views = views;
+    few.view_count = VIEWS;
+    few.float_images = 1; // of one size
+    size_t bytes[2][4];
+    for (int shared = 0; shared < 2; ++shared)
+        for (size_t limit = 0; limit < 4; ++limit) {
+            for (int v = 0; v < VIEWS; ++v) {
+                views[v] = scene->views[0];
+                views[v].camera.params[0] += shared ? 0 : 0.01 * v;
+            }
+            bytes[shared][limit] =
+                sgs_train_memory_per_rank(&few, &options, 0, 0, 1, 3 * limit * table);
+        }
+    assert_int_equal(bytes[0][1] - bytes[0][0], 2 * table); // at least one
+    assert_int_equal(bytes[0][2] - bytes[0][1], 3 * table);
+    assert_int_equal(bytes[0][3], bytes[0][2]);
+    assert_int_equal(bytes[1][3], bytes[0][0]);
+    assert_int_equal(bytes[1][0], bytes[0][0]);
+    assert_int_equal(sgs_train_ray_limit(UINT64_C(1) << 38), UINT64_C(1) << 34);
+    assert_int_equal(sgs_train_ray_limit(1), 1 << 30);
+}
+
+// A camera per image: every table is built once, unless the limit holds fewer.
+static void an_iteration_finds_the_table_of_its_camera(void **state)
+{
+    (void)state;
+    const sgs_train_options options = short_run();
+    const sgs_camera camera = scene->views[0].camera;
+    scene->float_images = 1; // of one size
+    for (size_t v = 0; v < scene->view_count; ++v)
+        scene->views[v].camera.params[0] += 0.001 * (double)v;
+    const size_t table = 60 * 34 * sizeof(sgsi_tile_rays);
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    assert_true(sgsi_ray_cache_limit(trainer->views.rays) == sgs_train_ray_limit(0));
+    trainer_run(trainer, 3);
+    assert_int_equal(sgsi_ray_cache_bytes(trainer->views.rays), 3 * table);
+    sgs_trainer_ray_limit_set(trainer, 2 * table);
+    trainer_run(trainer, 3);
+    assert_int_equal(sgsi_ray_cache_bytes(trainer->views.rays), 2 * table);
+    sgs_trainer_ray_limit_set(trainer, SIZE_MAX);
+    sgs_trainer_memory_limit_set(trainer, (size_t)1 << 36, 0);
+    assert_int_equal(sgsi_ray_cache_limit(trainer->views.rays), (size_t)1 << 32);
+    sgs_trainer_destroy(trainer);
+    for (size_t v = 0; v < scene->view_count; ++v)
+        scene->views[v].camera = camera;
+    scene->float_images = 0;
 }
 
 // Photos in half floats are not reduced.
@@ -320,6 +383,8 @@ int main(void)
         cmocka_unit_test(the_memory_of_the_grid_is_estimated),
         cmocka_unit_test(the_memory_of_tiles_and_scores_is_estimated),
         cmocka_unit_test(the_rays_of_a_camera_beyond_the_limit_are_estimated),
+        cmocka_unit_test(the_ray_tables_of_all_cameras_are_estimated),
+        cmocka_unit_test(an_iteration_finds_the_table_of_its_camera),
         cmocka_unit_test(float_photos_keep_their_size),
         cmocka_unit_test(a_resumed_run_has_the_same_sizes),
         cmocka_unit_test(runs_with_a_model_have_the_full_size),

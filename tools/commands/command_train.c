@@ -157,6 +157,9 @@ static bool create_trainer(training *run)
         if (group_leads())
             fail_library();
     }
+    if (ready)
+        sgs_trainer_ray_limit_set(run->trainer,
+                                  sgs_train_ray_limit(memory_of_process(run->values.max_memory)));
     if (ready && run->values.max_memory)
         sgs_trainer_memory_limit_set(run->trainer, (size_t)run->values.max_memory,
                                      (size_t)run->data.cache_bytes);

@@ -44,7 +44,8 @@ bool training_save(training *run)
     run->stop_text = format_text("%s", training_stop_text(run));
     const size_t most = run->most_gaussians > run->gaussians ? run->most_gaussians : run->gaussians;
     run->memory_estimate = sgs_train_memory_per_rank(
-        run->scene, options, (size_t)run->data.cache_bytes, most, group_count());
+        run->scene, options, (size_t)run->data.cache_bytes, most, group_count(),
+        sgs_train_ray_limit(memory_of_process(run->values.max_memory)));
     const memory_beside view = memory_of_view(&run->values);
     run->memory_estimate += view.bytes + most * view.row_bytes;
     run->traffic = group_traffic();

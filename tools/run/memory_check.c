@@ -56,18 +56,25 @@ memory_beside memory_of_view(const train_values *values)
                            VIEW_ROW_BYTES};
 }
 
+uint64_t memory_of_process(uint64_t max_memory)
+{
+    return max_memory ? max_memory : sgs_machine_memory() / (uint64_t)group_machine_ranks();
+}
+
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
                   size_t count, memory_beside beside, uint64_t max_memory)
 {
     const int ranks = group_count();
-    const double without =
-        (double)(sgs_train_memory_per_rank(scene, options, image_cache, 0, ranks) + beside.bytes);
-    const double required =
-        (double)(sgs_train_memory_per_rank(scene, options, image_cache, count, ranks) +
-                 beside.bytes + count * beside.row_bytes);
     const int neighbours = group_machine_ranks();
-    const double limit =
-        max_memory ? (double)max_memory : (double)sgs_machine_memory() / neighbours;
+    const uint64_t memory = memory_of_process(max_memory);
+    const size_t rays = sgs_train_ray_limit(memory);
+    const double without =
+        (double)(sgs_train_memory_per_rank(scene, options, image_cache, 0, ranks, rays) +
+                 beside.bytes);
+    const double required =
+        (double)(sgs_train_memory_per_rank(scene, options, image_cache, count, ranks, rays) +
+                 beside.bytes + count * beside.row_bytes);
+    const double limit = (double)memory;
     if (required <= limit)
         return true;
     char *name = max_memory ? format_text("--max-memory")

@@ -21,8 +21,11 @@ typedef struct memory_beside {
 // without the option, and on ranks other than 0.
 memory_beside memory_of_view(const train_values *values);
 
-// Compares the estimate for `count` primitives, and `beside`, with max_memory or, if that is 0,
-// with the memory of the machine divided by the ranks that run on it. The images of the scene need
-// not be loaded. False after printing the error.
+// Memory of a process: max_memory or, if that is 0, the memory of the machine divided by the ranks
+// that run on it.
+uint64_t memory_of_process(uint64_t max_memory);
+
+// Compares the estimate for `count` primitives, and `beside`, with the memory of the process. The
+// images of the scene need not be loaded. False after printing the error.
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
                   size_t count, memory_beside beside, uint64_t max_memory);

@@ -46,6 +46,14 @@ refused 'the plan contains no runs' '.variants = [{name: "on", pipelines: ["mip"
 refused 'the plan has more than 10000 runs; divide it' '.seeds = [range(5001)]'
 refused '"seeds" has 10001 entries; the limit is 10000' '.seeds = [range(10001)]'
 
+# control_characters_of_a_plan_do_not_reach_the_terminal
+refused "scene room, pipeline 3dgs, variant off: --spare: invalid value 'a?b?[31m'" '.options.spare = "a\nb\u001b[31m" | .variants = [{name: "off"}]'
+# null_is_no_value
+refused "expected a number, string, list or boolean for option 'iterations'" '.options.iterations = null'
+refused "expected a number, string, list or boolean for option 'spare_grid'" '.variants = [{name: "on", options: {spare_grid: null}}]'
+refused "expected true or false for option 'eval'" '.options.eval = null'
+refused "expected true or false for option 'eval'" '.scenes[0].options = {eval: null}'
+
 # '-' and '_' in the name of an option are the same
 refused "\"options\" names an option twice, with '-' and with '_'" '.options += {spare_grid: 8, "spare-grid": 16}'
 refused "variant on: \"options\" names an option twice" '.variants = [{name: "on", options: {"sh-degree": 1, sh_degree: 2}}]'

@@ -199,6 +199,36 @@ reports "nowhere: no such file or folder; specify a model file, a run folder or 
 run 1 info "$temporary/empty"
 one_line
 
+# a_run_before_its_first_save_is_named, and a scene in the folder of a run is a scene
+mkdir "$temporary/unsaved"
+echo '{"options": {"iterations": 7000}}' >"$temporary/unsaved/config.json"
+run 1 info "$temporary/unsaved"
+one_line
+reports "unsaved: is a run without a saved model yet; wait for its first save"
+cp -r "$room/sparse" "$room/images" "$temporary/unsaved"
+run 0 info "$temporary/unsaved"
+prints "type: scene"
+
+# sizes_out_of_range_are_told_from_texts_that_are_no_sizes
+for size in 1K 0 999999B 2000T; do
+    run 2 train "$room" -o "$temporary/out" --max-memory $size
+    one_line
+    reports "--max-memory: '$size' is not a size from 1e+06 to 1e+15 bytes"
+done
+for size in K 1X '' 1e; do
+    run 2 train "$room" -o "$temporary/out" --max-memory "$size"
+    one_line
+    reports "--max-memory: '$size' is not a size; write for example 500M or 4GiB"
+done
+
+# control_characters_of_arguments_do_not_reach_the_terminal
+run 2 train "$room" -o "$temporary/out" --spare "$(printf 'a\nb\033[31m')"
+one_line
+reports "--spare: invalid value 'a?b?[31m'"
+run 2 train "$room" -o "$temporary/out" "--sp$(printf '\033')"
+one_line
+reports "'--sp?'"
+
 # a_model_where_a_scene_is_expected_is_named
 : >"$temporary/model.spz"
 run 1 train "$temporary/model.spz" -o "$temporary/out" --quiet

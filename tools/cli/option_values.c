@@ -135,8 +135,13 @@ static bool parse_bytes(const option *row, const char *argument, uint64_t *value
         number *= 1024;
     end += unit != NULL;
     const bool ends = !*end || !strcasecmp(end, "B") || (unit && !strcasecmp(end, "iB"));
-    if (number < 0 || !ends || !(number >= row->low && number <= row->high)) {
+    if (number < 0 || !ends) {
         fail_usage("--%s: '%s' is not a size; write for example 500M or 4GiB", row->name, argument);
+        return false;
+    }
+    if (!(number >= row->low && number <= row->high)) {
+        fail_usage("--%s: '%s' is not a size from %.6g to %.6g bytes", row->name, argument,
+                   row->low, row->high);
         return false;
     }
     *value = (uint64_t)number;

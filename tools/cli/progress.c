@@ -46,14 +46,18 @@ static void clear_line(void)
     console.live = false;
 }
 
+void make_printable(char *text)
+{
+    for (char *c = text; *c; ++c)
+        if ((unsigned char)*c < 0x20 || *c == 0x7f)
+            *c = '?';
+}
+
 static void print_line(const char *prefix, const char *format, bool is_error, va_list args)
 {
     char text[2048];
     vsnprintf(text, sizeof text, format, args);
-    for (char *c = text; *c; ++c)
-        if ((unsigned char)*c < 0x20 ||
-            *c == 0x7f) // control characters quoted from a file must not break the line
-            *c = '?';
+    make_printable(text);
     pthread_mutex_lock(&console.lock);
     const bool held = is_error && console.holds_errors;
     if (!held) {
@@ -133,6 +137,7 @@ static void receive_warning(void *user, const char *warning)
     (void)user;
     char message[1024];
     with_flags(warning, message, sizeof message);
+    make_printable(message);
     pthread_mutex_lock(&console.lock);
     clear_line();
     fprintf(stderr, "sparegs: warning: %s\n", message);

@@ -19,6 +19,9 @@ const char *last_error_text(void);
 // For an error that was printed by other means.
 void last_error_set(const char *text);
 
+// Replaces control characters by '?': a message quotes files and arguments, and is one line.
+void make_printable(char *text);
+
 // While held, errors are not printed but kept for last_error_text(), which is empty at first: for a
 // part of a command whose failure is only a warning.
 void errors_hold(bool hold);

@@ -31,6 +31,7 @@ int fail_usage(const char *format, ...)
     if (length >= 0 && length < (int)sizeof text)
         vsnprintf(text + length, sizeof text - (size_t)length, format, args);
     va_end(args);
+    make_printable(text); // it quotes command lines and plans
     fprintf(stderr, "sparegs: %s\n", text);
     last_error_set(text);
     json_result_error(text);

@@ -321,6 +321,27 @@ static bool is_model(const char *path)
                               !(extension && !strcasecmp(extension, ".json")));
 }
 
+// A run folder without a model, which is not a scene either.
+static bool is_unsaved_run(const char *path)
+{
+    static const char *const scene_parts[] = {"sparse",          "colmap",
+                                              "cameras.bin",     "cameras.txt",
+                                              "transforms.json", "transforms_train.json"};
+    for (size_t i = 0; i < sizeof scene_parts / sizeof *scene_parts; ++i) {
+        char *part = format_text("%s/%s", path, scene_parts[i]);
+        const bool present = file_exists(part);
+        free(part);
+        if (present)
+            return false;
+    }
+    char *record = format_text("%s/config.json", path);
+    json_t *config = json_load_file(record, 0, NULL);
+    const bool run = json_is_object(json_object_get(config, "options"));
+    json_decref(config);
+    free(record);
+    return run;
+}
+
 int command_info(int argc, char **argv)
 {
     command_call call;
@@ -343,6 +364,8 @@ int command_info(int argc, char **argv)
         return fail_run("%s: no such file or folder; specify a model file, a run folder or a data "
                         "set",
                         path);
+    if (!is_model(path) && is_unsaved_run(path))
+        return fail_run("%s: is a run without a saved model yet; wait for its first save", path);
     if (model_is(path))
         warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "on a model");
     warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white",

@@ -81,7 +81,7 @@ static bool add_options(experiment_run *run, json_t *options)
                 return refuse("option is set by the experiment:", own[k]);
             }
         const option *row = command_train_option(name + 2);
-        if (row && row->kind == OPTION_FLAG && !json_is_boolean(value) && !json_is_null(value)) {
+        if (row && row->kind == OPTION_FLAG && !json_is_boolean(value)) {
             free(name);
             return refuse("expected true or false for option", key);
         }
@@ -89,7 +89,7 @@ static bool add_options(experiment_run *run, json_t *options)
             add_argument(run, name);
             continue;
         }
-        char *text = json_is_false(value) || json_is_null(value) ? NULL : plan_value_text(value);
+        char *text = json_is_false(value) ? NULL : plan_value_text(value);
         if (text && row && !plan_path_option(plan_path, key, row->path, &text)) {
             free(text);
             free(name);
@@ -101,7 +101,7 @@ static bool add_options(experiment_run *run, json_t *options)
         } else {
             free(name);
         }
-        if (!text && !json_is_false(value) && !json_is_null(value))
+        if (!text && !json_is_false(value))
             return refuse("expected a number, string, list or boolean for option", key);
     }
     return true;
@@ -288,7 +288,7 @@ static bool check_effects(const experiment_plan *plan, const json_t *owner, cons
     {
         char *flag = format_text("--%s", key);
         key_to_name(flag);
-        bool found = json_is_false(value) || json_is_null(value);
+        bool found = json_is_false(value);
         for (size_t i = 0; i < plan->count && !found; ++i)
             found = (!scene || !strcmp(plan->runs[i].scene, scene)) &&
                     has_argument(&plan->runs[i], flag);

@@ -251,6 +251,18 @@ static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *o
     return SGS_STATUS_OK;
 }
 
+typedef struct ray_watch {
+    const sgs_render_options *options;
+    sgsi_float_mode mode;
+} ray_watch;
+
+static bool watch_rays(void *user, size_t done, size_t total)
+{
+    const ray_watch *watch = user;
+    return sgsi_progress_call(watch->options->progress, watch->options->progress_user, done, total,
+                              watch->mode);
+}
+
 // All steps before tracing.
 static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
                              const sgs_render_options *options, const sgs_frame *frame,
@@ -262,12 +274,13 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
                          "frame size %dx%d differs from the camera's, %dx%d", frame->width,
                          frame->height, camera->width, camera->height);
     const sgsi_rays *rays;
+    ray_watch watch = {options, renderer->caller_mode};
     sgs_status status = sgsi_render_options_check(options);
     if (!status)
         status = sgs_pose_validate(pose);
     if (!status)
-        status = sgsi_ray_cache_get_watched(renderer->rays, camera, options->progress,
-                                            options->progress_user, &rays);
+        status = sgsi_ray_cache_get_watched(renderer->rays, camera,
+                                            options->progress ? watch_rays : NULL, &watch, &rays);
     if (!status && options->axis_depth && !rays->forward)
         status = sgsi_fail(SGS_STATUS_UNSUPPORTED,
                            "option axis_depth is not defined for rays 90 degrees or more from the "

@@ -132,7 +132,7 @@ SGS_API void sgs_renderer_destroy(sgs_renderer *renderer); // accepts NULL
 // Limit of the memory for ray tables, bytes; 1 GiB initially. A renderer keeps the tables of recent
 // cameras, about 10 bytes per pixel for each lens and size, because building one takes a noticeable
 // fraction of the time of a rendering. The table of the last rendering is kept even if it exceeds
-// the limit. Applies when the next table is built. Cannot fail.
+// the limit. Applies from the next call that needs a table. Cannot fail.
 SGS_API void sgs_renderer_ray_limit_set(sgs_renderer *renderer, size_t bytes);
 // Bytes of the ray tables that the renderer holds. Cannot fail.
 SGS_API size_t sgs_renderer_ray_bytes(const sgs_renderer *renderer);

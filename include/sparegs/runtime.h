@@ -27,7 +27,7 @@ typedef enum sgs_isa {
 // Number of threads of the following calls, including the calling one: 1 to 4096; 0 = sgs_cores
 // (the default); larger numbers are reduced. Each application thread that calls the library has its
 // own team of this size, which ends with that thread; these threads block all signals but those of
-// their own faults, as does the one that a scene with an image cache has for decoding. Embree uses
+// their own faults, as do those that a scene with an image cache has for decoding. Embree uses
 // the team and does not limit other users of TBB in the process, except during sgs_profile_view.
 // Results do not depend on the number.
 SGS_API void sgs_threads_set(int count);
@@ -38,8 +38,9 @@ SGS_API int sgs_cores(void);
 
 // Runs body(context, begin, end) on all threads for the ranges of `grain` indices, the last one
 // shorter, that [0, count) consists of, in any order; returns when all are done. The ranges depend
-// on count and grain (0 counts as 1) only, never on the number of threads. Denormal numbers are 0
-// in `body`. A call within `body` runs on its thread alone.
+// on count and grain (0 counts as 1) only, never on the number of threads. `body` runs in the
+// library's floating-point mode: round to nearest, no traps, denormals are 0. A call within `body`
+// runs on its thread alone.
 typedef void (*sgs_range_fn)(void *context, size_t begin, size_t end);
 SGS_API void sgs_parallel_ranges(size_t count, size_t grain, sgs_range_fn body, void *context);
 

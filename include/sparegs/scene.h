@@ -157,7 +157,7 @@ typedef struct sgs_scene {
     char *colorspace; // options.colorspace, or NULL
     sgs_alpha alpha;  // options.alpha
     // Bytes for decoding the largest photo, 0 with cameras_only; options.decode_memory, or its
-    // default.
+    // default. Both are 0 after sgs_scene_create, which decodes nothing.
     size_t decode_bytes, decode_limit;
 } sgs_scene;
 

@@ -47,8 +47,8 @@ SGS_API const char *sgs_last_error(void);
 
 // Functions of the caller that the library calls must return: they must not throw an exception or
 // call longjmp, which would leave locks held and objects unfinished. They run in the floating-point
-// mode of the thread that made the call, except warnings, which may run in the library's: rounding
-// to nearest, no traps, denormals flushed to zero.
+// mode of the thread that made the call, except warnings and the body of sgs_parallel_ranges, which
+// may run in the library's: rounding to nearest, no traps, denormals flushed to zero.
 
 // Progress of a long call: `done` of `total` steps. Calls are serialised, but may come from a
 // thread of the library; they must not call the library on the objects in use. Returning false

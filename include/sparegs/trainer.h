@@ -353,8 +353,8 @@ SGS_API void sgs_trainer_memory_beside_set(sgs_trainer *trainer, size_t bytes, s
 
 // Limit of the memory for ray tables, bytes; initially sgs_train_ray_limit(0). A trainer keeps the
 // table of each different camera, about 10 bytes per pixel; beyond the limit, an iteration builds
-// the table of its view, which takes a noticeable fraction of its time. Applies when the next table
-// is built. Without influence on results. Cannot fail.
+// the table of its view, which takes a noticeable fraction of its time. Applies from the next
+// iteration. Without influence on results. Cannot fail.
 SGS_API void sgs_trainer_ray_limit_set(sgs_trainer *trainer, size_t bytes);
 
 // Runs one iteration. The last one sets info->stop; further calls fail with LIMIT. Structural

@@ -97,8 +97,8 @@ static sgs_status make_tree(const profile_job *job, sgsi_tracer *tracer, sgs_pro
     return status;
 }
 
-// The boxes of the view, and those that the refitted and the aged tree are built over, in one array.
-// NULL without memory.
+// The boxes of the view, and those that the refitted and the aged tree are built over, in one
+// array. NULL without memory.
 static sgsi_bounds *copy_boxes(const profile_job *job, sgsi_tracer *tracer, sgs_status *status)
 {
     const size_t count = job->model->count;
@@ -467,6 +467,8 @@ static sgs_status prepare(profile_job *job, const sgs_camera *camera, const sgs_
     sgs_status status = check_options(&job->options, &job->render);
     if (!status)
         status = sgs_pose_validate(pose);
+    if (!status && job->options.built_for)
+        status = sgs_pose_validate(job->options.built_for);
     if (!status)
         status = sgsi_rays_create(camera, sgsi_macrotile_side(camera), &job->rays);
     if (status)

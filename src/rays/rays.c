@@ -618,6 +618,8 @@ sgs_status sgsi_ray_cache_get_watched(sgsi_ray_cache *cache, const sgs_camera *c
 {
     *rays = NULL;
     ++cache->clock;
+    while (cache->count > 1 && cache->bytes > cache->byte_limit) // the limit was lowered
+        evict(cache);
     const uint64_t key = camera_key(camera);
     for (size_t i = 0; i < cache->count; ++i) {
         cache_slot *slot = &cache->slots[i];

@@ -118,7 +118,7 @@ size_t sgsi_ray_table_bytes(int width, int height);
 typedef struct sgsi_ray_cache sgsi_ray_cache;
 sgs_status sgsi_ray_cache_create(size_t byte_limit, size_t period, sgsi_ray_cache **cache);
 void sgsi_ray_cache_destroy(sgsi_ray_cache *cache); // accepts NULL
-// Applies when the next table is made.
+// Applies from the next lookup; its table may exceed the limit.
 void sgsi_ray_cache_limit_set(sgsi_ray_cache *cache, size_t byte_limit);
 size_t sgsi_ray_cache_limit(const sgsi_ray_cache *cache);
 // Bytes of the tables it holds.

@@ -253,20 +253,22 @@ static sgs_status pad_filter(sgs_renderer *renderer, const sgs_render_options *o
 
 typedef struct ray_watch {
     const sgs_render_options *options;
+    size_t total; // of the whole call
     sgsi_float_mode mode;
 } ray_watch;
 
 static bool watch_rays(void *user, size_t done, size_t total)
 {
     const ray_watch *watch = user;
-    return sgsi_progress_call(watch->options->progress, watch->options->progress_user, done, total,
-                              watch->mode);
+    (void)total;
+    return sgsi_progress_call(watch->options->progress, watch->options->progress_user, done,
+                              watch->total, watch->mode);
 }
 
 // All steps before tracing.
 static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, const sgs_pose *pose,
                              const sgs_render_options *options, const sgs_frame *frame,
-                             sgsi_view *view)
+                             size_t progress_total, sgsi_view *view)
 {
     renderer->differentiable = false;
     if (frame->width != camera->width || frame->height != camera->height)
@@ -274,7 +276,7 @@ static sgs_status begin_view(sgs_renderer *renderer, const sgs_camera *camera, c
                          "frame size %dx%d differs from the camera's, %dx%d", frame->width,
                          frame->height, camera->width, camera->height);
     const sgsi_rays *rays;
-    ray_watch watch = {options, renderer->caller_mode};
+    ray_watch watch = {options, progress_total, renderer->caller_mode};
     sgs_status status = sgsi_render_options_check(options);
     if (!status)
         status = sgs_pose_validate(pose);
@@ -343,7 +345,8 @@ static sgs_status render(sgs_renderer *renderer, const sgs_camera *camera, const
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "a differentiable rendering takes no progress function");
     if (!status)
-        status = begin_view(renderer, camera, pose, &own, frame, &renderer->view);
+        status = begin_view(renderer, camera, pose, &own, frame,
+                            ((size_t)camera->height + SGSI_TILE - 1) / SGSI_TILE, &renderer->view);
     if (status)
         return status;
     if (own.progress)
@@ -396,7 +399,7 @@ static sgs_status render_deep(sgs_renderer *renderer, const sgs_camera *camera,
                          "deep tolerance %g or %d samples per pixel is out of range",
                          deep->tolerance, deep->max_samples);
     sgsi_view view;
-    status = begin_view(renderer, camera, pose, &own, frame, &view);
+    status = begin_view(renderer, camera, pose, &own, frame, (size_t)camera->height, &view);
     if (status)
         return status;
     const sgsi_rays *rays = view.rays;

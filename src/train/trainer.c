@@ -80,12 +80,13 @@ static sgs_status plan_resolution(sgs_trainer *trainer, bool has_init)
     return status;
 }
 
-static sgs_status create_parts(sgs_trainer *trainer)
+static sgs_status create_parts(sgs_trainer *trainer, sgsi_float_mode caller_mode)
 {
     sgsi_train_views *views = &trainer->views;
     sgs_status status = sgsi_train_views_create(trainer->scene, &trainer->options, views);
     if (status)
         return status;
+    views->caller_mode = caller_mode;
     trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options);
     views->ssim_weight = (float)trainer->schedule.ssim_weight;
     views->ssim_sigma = (float)trainer->schedule.ssim_sigma;
@@ -108,7 +109,7 @@ static sgs_status create_parts(sgs_trainer *trainer)
 
 // takes: takes over `init`, which may be NULL, in place of options->init, also after a failure.
 static sgs_status create(const sgs_scene *scene, const sgs_train_options *options, bool takes,
-                         sgs_gaussians *init, sgs_trainer **trainer)
+                         sgs_gaussians *init, sgsi_float_mode caller_mode, sgs_trainer **trainer)
 {
     *trainer = NULL;
     sgs_train_options own = sgs_train_options_default();
@@ -133,7 +134,7 @@ static sgs_status create(const sgs_scene *scene, const sgs_train_options *option
     made->sampling = sgsi_pipeline_sampling(&own, scene->extent);
     made->progress.last_reset = -1;
     spare_equilibrium_begin(&made->progress.equilibrium);
-    status = create_parts(made);
+    status = create_parts(made, caller_mode);
     if (status) {
         sgs_trainer_destroy(made);
         return status;
@@ -146,7 +147,7 @@ sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *o
                               sgs_trainer **trainer)
 {
     const sgsi_float_mode mode = sgsi_float_mode_enter();
-    const sgs_status status = create(scene, options, false, NULL, trainer);
+    const sgs_status status = create(scene, options, false, NULL, mode, trainer);
     sgsi_float_mode_set(mode);
     return status;
 }
@@ -157,7 +158,7 @@ sgs_status sgs_trainer_create_from(const sgs_scene *scene, const sgs_train_optio
     sgs_gaussians *taken = *init;
     *init = NULL;
     const sgsi_float_mode mode = sgsi_float_mode_enter();
-    const sgs_status status = create(scene, options, true, taken, trainer);
+    const sgs_status status = create(scene, options, true, taken, mode, trainer);
     sgsi_float_mode_set(mode);
     return status;
 }

@@ -18,7 +18,6 @@ jq -n '{fl_x: 40, frames: [("0001", "0002", "0009") as $name |
     {file_path: "images/\($name).png", transform_matrix: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}' \
     >"$temporary/pngs/transforms.json"
 pngs=$temporary/pngs
-ln -s "$scene/images/0003.jpg" "$temporary/linked.json"
 ln "$scene/images/0004.jpg" "$temporary/hard.json"
 digests() { (cd "$temporary" && find room pngs model -type f ! -name .lock -exec sha256sum {} + | LC_ALL=C sort); }
 before=$(digests)
@@ -34,11 +33,8 @@ spared() { # PATH MESSAGE ARGUMENTS...: the command fails with one line and leav
 }
 train=(train "$scene" -o "$temporary/traced" --iterations 1 "${small[@]}")
 spared "$scene/images/0001.jpg" "$photo" "${train[@]}" --trace "$scene/images/0001.jpg"
-spared "$temporary/linked.json" "$photo" "${train[@]}" --trace "$temporary/linked.json"
 spared "$temporary/hard.json" "$photo" "${train[@]}" --trace "$temporary/hard.json"
-for name in points3D cameras images; do
-    spared "$scene/sparse/0/$name.bin" "$input" "${train[@]}" --trace "$scene/sparse/0/$name.bin"
-done
+spared "$scene/sparse/0/points3D.bin" "$input" "${train[@]}" --trace "$scene/sparse/0/points3D.bin"
 check no_run_was_started test ! -e "$temporary/traced"
 refine=(prune "$ply" "$scene" "${small[@]}" --method refine --ratio 0.5)
 spared "$scene/images/0002.jpg" "$photo" "${refine[@]}" -o "$temporary/half.ply" --scores "$scene/images/0002.jpg"
@@ -62,7 +58,7 @@ mkdir -p "$temporary/o2/images"
 ln -s "$pngs/images/0001.png" "$temporary/o2/images/0009.png"
 folder="is a photo or a mask of the scene; choose another folder"
 spared "$temporary/o2/images/0009.png" "$folder" render "$ply" "$pngs" --split all --format png --aov rgba -o "$temporary/o2"
-for source in "$pngs" "$pngs/transforms.json"; do # a data set as the source of cameras only
+for source in "$pngs"; do # a data set as the source of cameras only
     run 1 render "$ply" --camera "$source" --format png --aov rgba -o "$pngs"
     one_line
     reports "images/0001.png: $folder"
@@ -133,8 +129,10 @@ for repeat in 1 2; do
     check "both_exist: $repeat" test -s "$temporary/ex/report.md" -a -s "$temporary/ex/report.html"
     check "no_warning: $repeat" test ! -s "$temporary/stderr"
 done
+printf '# My notes\n\nNothing completed.\n' >"$temporary/notes.md"
+printf '<!DOCTYPE html>\n<html lang="en">\n<title>mine</title>\n' >"$temporary/page.html"
 for option in --markdown --html; do
-    for file in "$scene/images/0001.jpg" "$scene/sparse/0/cameras.bin" "$temporary/linked.ply"; do
+    for file in "$scene/sparse/0/cameras.bin" "$temporary/linked.ply" "$temporary/notes.md" "$temporary/page.html"; do
         spared "$file" "is not a report and would be replaced; choose another file" "${tables[@]}" "$option" "$file"
     done
 done
@@ -195,7 +193,7 @@ plan '[1, 2]' "$post"
 cp "$temporary/out/results.json" "$temporary/results.json"
 run 1 "${experiment[@]}"
 one_line
-reports "out: holds results of another plan, with run runs/room/3dgs/off/seed_0; choose another folder with -o, or add this run to the plan"
+reports "out: holds results of another plan, with run runs/room/3dgs/off/seed_0; choose another folder with -o, add this run to the plan, or remove results.json"
 run 1 "${experiment[@]}" --check
 check the_results_stay cmp "$temporary/results.json" "$temporary/out/results.json"
 check no_run_was_added test ! -e "$temporary/out/runs/room/3dgs/off/seed_2"
@@ -209,27 +207,56 @@ check no_stale_points test ! -e "$temporary/out/post.csv"
 
 # a_folder_that_moves_during_the_training_is_a_whole_run_again
 moving=(--downscale 16 --iterations 1500 --spare off --max-gaussians 3000 --seed 1 --threads 1)
-wait_for_row() { until grep -q "^$2," "$1/train.csv" 2>/dev/null; do kill -0 "$3" && sleep 0.05; done; }
-for change in moved removed; do
+wait_for_row() { # OUT ITERATION PID
+    until grep -q "^$2," "$1/train.csv" 2>/dev/null; do
+        kill -0 "$3" 2>/dev/null || return 1
+        sleep 0.05
+    done
+}
+changes=(emptied)
+if is_long; then changes+=(moved removed); fi
+for change in "${changes[@]}"; do
     out=$temporary/$change
-    "$program" train "$scene" -o "$out" "${moving[@]}" --save-at 500 >"$temporary/stdout" 2>"$temporary/stderr" &
+    "$program" train "$scene" -o "$out" "${moving[@]}" --save-at 300 >"$temporary/stdout" 2>"$temporary/stderr" &
     training=$!
     last_command="train with $out $change"
-    wait_for_row "$out" 100 $training
+    check the_run_has_begun wait_for_row "$out" 100 $training
     cp "$out/config.json" "$out/cameras.json" "$out/input.ply" "$temporary/"
-    if [ $change = moved ]; then mv "$out" "$temporary/elsewhere"; else rm -r "$out"; fi
-    wait_for_row "$out" 600 $training
+    case $change in
+    moved) mv "$out" "$temporary/elsewhere" ;;
+    removed) rm -r "$out" ;;
+    emptied) rm -r "${out:?}"/* ;; # but .lock
+    esac
+    check the_run_goes_on wait_for_row "$out" 400 $training
     if kill -TERM $training; then :; fi
     status=0; wait $training || status=$?
     check stopped_by_the_signal test $status = 143
     check one_warning test "$(grep -c "warning: $out: was moved or removed during the training; it is created again" "$temporary/stderr")" = 1
     for name in config.json cameras.json input.ply; do check "$name is there again" cmp "$temporary/$name" "$out/$name"; done
     check the_folder_is_locked_again test -e "$out/.lock"
-    check the_saved_model_is_there test -s "$out/point_cloud/iteration_500/point_cloud.ply"
+    check the_saved_model_is_there test -s "$out/point_cloud/iteration_300/point_cloud.ply"
     run 0 eval "$out" "$scene" --test-images 0001.jpg --quiet
 done
-run 0 train "$scene" -o "$temporary/moved" --resume --quiet
-run 0 train "$scene" -o "$temporary/straight" "${moving[@]}" --quiet
-check the_resumed_run_has_the_same_bits test "$(jq .model_hash "$temporary/moved/summary.json")" = "$(jq .model_hash "$temporary/straight/summary.json")"
+if is_long; then
+    run 0 train "$scene" -o "$temporary/moved" --resume --quiet
+    run 0 train "$scene" -o "$temporary/straight" "${moving[@]}" --quiet
+    check the_resumed_run_has_the_same_bits test "$(jq .model_hash "$temporary/moved/summary.json")" = "$(jq .model_hash "$temporary/straight/summary.json")"
+fi
+
+# a_run_in_the_place_of_another_is_not_written_to
+moving[3]=600
+out=$temporary/place
+cp -r "$model" "$temporary/other"
+"$program" train "$scene" -o "$out" "${moving[@]}" --save-at 300 >"$temporary/stdout" 2>"$temporary/stderr" &
+training=$!
+last_command="train with $out replaced"
+check the_run_has_begun wait_for_row "$out" 100 $training
+mv "$out" "$temporary/displaced"
+mv "$temporary/other" "$out"
+whole=$(find "$out" -type f -exec sha256sum {} + | LC_ALL=C sort)
+status=0; wait $training || status=$?
+check it_fails test $status = 1
+reports "$out: was moved during the training, and another run is in its place"
+check the_other_run_is_intact test "$whole" = "$(find "$out" -type f -exec sha256sum {} + | LC_ALL=C sort)"
 
 finish

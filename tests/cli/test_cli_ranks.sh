@@ -42,7 +42,7 @@ fi
 # ---- The same bits ----
 run 0 train "${common[@]}" --exposure -o "$temporary/one"
 json "$temporary/one/summary.json" '.ranks == 1'
-counts=(2 3)
+counts=(3)
 if is_long; then counts=(1 2 3); fi
 for count in "${counts[@]}"; do
     ranks 0 "$count" train "${common[@]}" --exposure -o "$temporary/ranks$count"
@@ -117,16 +117,18 @@ for options in "${listings[@]}"; do
 done
 
 # ---- experiment: the same results ----
-cat >"$temporary/plan.json" <<EOF
+if is_long; then
+    cat >"$temporary/plan.json" <<EOF
 {"title": "ranks", "scenes": [{"name": "room", "path": "$room", "options": {"downscale": 4}}],
  "pipelines": ["3dgs", "mcmc"], "variants": [{"name": "on"}], "seeds": [0, 1],
  "options": {"iterations": 20, "eval": true, "threads": 1}}
 EOF
-run 0 experiment "$temporary/plan.json" -o "$temporary/plan1" --quiet
-ranks 0 3 experiment "$temporary/plan.json" -o "$temporary/plan3" --quiet
-results='[.runs[] | [.folder, .summary.model_hash, .summary.ranks, .summary.test]]'
-check same_results test "$(jq -c "$results" "$temporary/plan1/results.json")" = "$(jq -c "$results" "$temporary/plan3/results.json")"
-json "$temporary/plan3/results.json" '.runs | length == 4'
+    run 0 experiment "$temporary/plan.json" -o "$temporary/plan1" --quiet
+    ranks 0 3 experiment "$temporary/plan.json" -o "$temporary/plan3" --quiet
+    results='[.runs[] | [.folder, .summary.model_hash, .summary.ranks, .summary.test]]'
+    check same_results test "$(jq -c "$results" "$temporary/plan1/results.json")" = "$(jq -c "$results" "$temporary/plan3/results.json")"
+    json "$temporary/plan3/results.json" '.runs | length == 4'
+fi
 
 # ---- Resuming on another number of ranks, and without MPI ----
 run 0 train "${common[@]}" -o "$temporary/whole"

@@ -197,15 +197,17 @@ static bool predict_ranks(const bench_run *run, sgs_bench *bench, bench_result *
     const integer_list *ranks = &run->values->ranks;
     if (!ranks->count)
         return true;
-    result->rank_count = (size_t)ranks->count;
-    result->ranks = calloc(result->rank_count, sizeof *result->ranks);
+    const size_t count = (size_t)ranks->count;
+    result->ranks = calloc(count, sizeof *result->ranks);
     if (!result->ranks) {
         fail_run("not enough memory for the predictions");
         return false;
     }
     if (apply(&run->settings[0])) {
-        if (!sgs_bench_ranks(bench, ranks->values, result->rank_count, result->ranks))
+        if (!sgs_bench_ranks(bench, ranks->values, count, result->ranks)) {
+            result->rank_count = count;
             return true;
+        }
         fail_library();
     }
     free(result->ranks);

@@ -28,7 +28,9 @@
 #include "run/region_file.h"
 
 extern const char report_page[]; // report_page.html, embedded by report_page.cmake
-static const char page_start[] = "<!DOCTYPE html>";
+static const char page_start[] = "<!DOCTYPE html>",
+                  page_title[] = "<title>sparegs experiment</title>";
+static const char tables_mark[] = " completed runs.\n";
 
 static const char description[] =
     "Creates tables and an HTML page of an experiment (DIR of 'sparegs experiment'), complete or "
@@ -432,20 +434,20 @@ static bool write_report(const char *folder, const report_values *values, const 
     return done;
 }
 
-// False if a file exists that does not begin with `start`, as an earlier report does: a photo, say.
-static bool may_replace(const char *path, const char *start)
+// False if a file exists that does not begin with `start` and have `mark` near its beginning, as an
+// earlier report does: a photo, say.
+static bool may_replace(const char *path, const char *start, const char *mark)
 {
     struct stat info;
     if (stat(path, &info) || !S_ISREG(info.st_mode) || !info.st_size)
         return true;
-    const size_t length = strlen(start);
-    char *text = calloc(length + 1, 1);
+    char text[4096] = "";
     FILE *stream = open_input(path, NULL);
-    const bool may =
-        text && stream && fread(text, 1, length, stream) == length && !strcmp(text, start);
+    if (stream)
+        text[fread(text, 1, sizeof text - 1, stream)] = '\0';
+    const bool may = !strncmp(text, start, strlen(start)) && strstr(text, mark);
     if (stream)
         fclose(stream);
-    free(text);
     if (!may)
         fail_run("%s: is not a report and would be replaced; choose another file", path);
     return may;
@@ -464,7 +466,8 @@ static int report(const char *folder, const report_values *values)
                             page_path);
     json_t *results = status < 0 ? read_results(folder) : NULL;
     if (status < 0)
-        status = results && may_replace(text_path, "# ") && may_replace(page_path, page_start) &&
+        status = results && may_replace(text_path, "# ", tables_mark) &&
+                         may_replace(page_path, page_start, page_title) &&
                          write_report(folder, values, results, text_path, page_path)
                      ? interrupt_status()
                      : EXIT_FAILED;

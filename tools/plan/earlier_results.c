@@ -64,7 +64,8 @@ static bool runs_admit(const json_t *results, const char *folder, const experime
         if (!name || plan_has(plan, folder, name))
             continue;
         fail_run("%s: holds results of another plan, with run %s; choose another folder with -o, "
-                 "or add this run to the plan",
+                 "add this run to the plan, or remove results.json, which is written again for "
+                 "the runs of this plan",
                  folder, name);
         return false;
     }

@@ -58,7 +58,10 @@ memory_beside memory_of_view(const train_values *values)
 
 uint64_t memory_of_process(uint64_t max_memory)
 {
-    return max_memory ? max_memory : sgs_machine_memory() / (uint64_t)group_machine_ranks();
+    const uint64_t machine = sgs_machine_memory();
+    if (max_memory || machine == UINT64_MAX) // unknown
+        return max_memory ? max_memory : machine;
+    return machine / (uint64_t)group_machine_ranks();
 }
 
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,

@@ -474,6 +474,7 @@ void run_folder_unmark(run_folder *folder)
 static bool lock_again(run_folder *folder)
 {
     const int old[] = {folder->lock, folder->shared_lock};
+    folder->lock = folder->shared_lock = -1;
     const bool locked = lock_folder(folder) && lock_shared(folder);
     for (size_t k = 0; k < sizeof old / sizeof *old; ++k)
         if (old[k] >= 0)
@@ -494,19 +495,34 @@ static bool open_tables_again(run_folder *folder, const sgs_trainer *trainer)
     return opened;
 }
 
-// Before each save, of rank 0: OUT may have been moved or removed since the last one. False after
-// printing the error.
+// True if OUT is the folder that this run has locked, or if there is no lock.
+static bool is_own(const run_folder *folder)
+{
+    struct stat locked, now;
+    return folder->lock < 0 || fstat(folder->lock, &locked) ||
+           (!stat(folder->path, &now) && locked.st_dev == now.st_dev &&
+            locked.st_ino == now.st_ino);
+}
+
+// Before each save, of rank 0: OUT may have been moved, emptied or removed since the last one.
+// False after printing the error, also if another run is in its place.
 static bool keep_marked(run_folder *folder, const sgs_trainer *trainer)
 {
-    if (!folder->config || run_folder_is_used(folder))
+    const bool own = is_own(folder), used = folder->config && run_folder_is_used(folder);
+    if (!folder->config || (own && used))
         return true;
+    if (used) {
+        fail_run("%s: was moved during the training, and another run is in its place",
+                 folder->path);
+        return false;
+    }
     if (!folder->was_lost)
         print_warning("%s: was moved or removed during the training; it is created again, without "
                       "the earlier rows of its tables",
                       folder->path);
     folder->was_lost = true;
-    return make_folder(folder->path) && lock_again(folder) && open_tables_again(folder, trainer) &&
-           write_mark(folder, trainer);
+    return make_folder(folder->path) && (own || lock_again(folder)) &&
+           open_tables_again(folder, trainer) && write_mark(folder, trainer);
 }
 
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
@@ -543,9 +559,10 @@ static bool keep_previous(const char *newest, const char *previous)
 static bool save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
 {
     const double start = clock_seconds();
-    char *newest = checkpoint_path(folder, ""), *next = checkpoint_path(folder, ".next");
-    char *previous = checkpoint_path(folder, ".previous");
+    char *newest = checkpoint_path(folder, ""), *previous = checkpoint_path(folder, ".previous");
     bool saved = keep_marked(folder, trainer) && make_folder_of(newest);
+    // The other ranks save their parts in any case; those of another run stay as they are.
+    char *next = checkpoint_path(folder, saved ? ".next" : ".lost");
     fprintf(folder->sums_csv, "%d,%zu,%zu,%zu\n", sgs_trainer_iteration(trainer), folder->densified,
             folder->pruned, folder->spare_pruned);
     fflush(folder->sums_csv);
@@ -557,6 +574,8 @@ static bool save_checkpoint(run_folder *folder, const sgs_trainer *trainer)
         fail_run("%s: cannot be renamed: %s", next, strerror(errno));
         saved = false;
     }
+    if (!saved)
+        unlink(next);
     free(newest);
     free(next);
     free(previous);

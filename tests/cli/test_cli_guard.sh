@@ -14,7 +14,9 @@ ply=$model/point_cloud/iteration_5/point_cloud.ply
 mkdir -p "$temporary/pngs/images" "$temporary/pngs/masks"
 for view in 0001 0002 0009; do oiiotool "$room/images/$view.jpg" --resize 60x34 -o "$temporary/pngs/images/$view.png"; done
 for view in 0001 0002 0009; do oiiotool --pattern constant:color=1 60x34 1 -d uint8 -o "$temporary/pngs/masks/$view.png"; done
-jq -n '{fl_x: 40, frames: [("0001", "0002", "0009") as $name |
+printf 'ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n0 0 -3 9 9 9\n' \
+    >"$temporary/pngs/cloud.ply"
+jq -n '{fl_x: 40, ply_file_path: "cloud.ply", frames: [("0001", "0002", "0009") as $name |
     {file_path: "images/\($name).png", transform_matrix: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}' \
     >"$temporary/pngs/transforms.json"
 pngs=$temporary/pngs
@@ -50,6 +52,7 @@ check no_file_has_changed test "$before" = "$(digests)"
 spared "$scene/sparse/0/cameras.bin" "$input" compress "$model" "$scene" --quiet -o "$scene/sparse/0/cameras.bin" --method mesongs
 spared "$scene/sparse/0/cameras.bin" "$input" profile "$model" "$scene" --quiet --trace "$scene/sparse/0/cameras.bin"
 spared "$temporary/linked.ply" "$photo" convert "$ply" "$temporary/linked.ply" "$scene" --filter-unseen
+spared "$pngs/cloud.ply" "$input" convert "$ply" "$pngs/cloud.ply" "$pngs" --filter-unseen
 for name in images masks; do
     spared "$pngs/$name/0002.png" "$photo" render "$ply" "$pngs" --frames 0-0 --split all --video "$pngs/$name/0002.png"
 done

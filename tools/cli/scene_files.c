@@ -7,6 +7,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 
@@ -66,20 +67,36 @@ static void add_model(scene_files *files)
     add(files, model, false);
 }
 
+// The point cloud that a transforms.json names.
+static void add_cloud(scene_files *files)
+{
+    const char *model = files->scene->model_path, *slash = strrchr(model, '/');
+    json_t *root = load_json(model, 0, NULL);
+    const char *name = json_string_value(json_object_get(root, "ply_file_path"));
+    if (name) {
+        char *path =
+            format_text("%.*s%s", slash ? (int)(slash + 1 - model) : 0, slash ? model : "", name);
+        add(files, path, false);
+        free(path);
+    }
+    json_decref(root);
+}
+
 static void list(scene_files *files)
 {
     const sgs_scene *scene = files->scene;
     const size_t most = 2 * scene->view_count + sizeof colmap_names / sizeof *colmap_names +
-                        sizeof transforms_names / sizeof *transforms_names + 1;
+                        sizeof transforms_names / sizeof *transforms_names + 2;
     files->is_listed = true;
     files->found = calloc(most, sizeof *files->found);
     if (!files->found)
-        exit(fail_run("out of memory"));
+        exit(fail_run("not enough memory for the files of %s", scene->path));
     for (size_t v = 0; v < scene->view_count; ++v) {
         add(files, scene->views[v].image_path, true);
         add(files, scene->views[v].mask_path, true);
     }
     add_model(files);
+    add_cloud(files);
     qsort(files->found, files->count, sizeof *files->found, by_inode);
 }
 

@@ -236,31 +236,6 @@ static void covariance(const sgs_gaussians *model, double out[3][3])
             out[j][k] = r[j][0] * r[k][0] + r[j][1] * r[k][1] + r[j][2] * r[k][2];
 }
 
-// Red of degrees 1 to 3 in a direction, with the basis functions of 3DGS.
-static double red(const sgs_gaussians *model, const double d[3])
-{
-    const double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
-    const double basis[15] = {-0.4886025119029199 * y,
-                              0.4886025119029199 * z,
-                              -0.4886025119029199 * x,
-                              1.0925484305920792 * x * y,
-                              -1.0925484305920792 * y * z,
-                              0.31539156525252005 * (2 * zz - xx - yy),
-                              -1.0925484305920792 * x * z,
-                              0.5462742152960396 * (xx - yy),
-                              -0.5900435899266435 * y * (3 * xx - yy),
-                              2.890611442640554 * x * y * z,
-                              -0.4570457994644658 * y * (4 * zz - xx - yy),
-                              0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
-                              -0.4570457994644658 * x * (4 * zz - xx - yy),
-                              1.445305721320277 * z * (xx - yy),
-                              -0.5900435899266435 * x * (xx - 3 * yy)};
-    double sum = 0;
-    for (int k = 0; k < 15; ++k)
-        sum += basis[k] * (double)model_value(model, 0, SGS_PARAM_SH_REST + 3 * k);
-    return sum;
-}
-
 // A primitive of SH degree 3 in axes of which the record has this value.
 static sgs_gaussians *read_system(const temp_folder *folder, unsigned record, sgs_model_info *info)
 {
@@ -309,7 +284,8 @@ static void spz_in_any_axes_is_read(void **state)
             }
         for (size_t k = 0; k < sizeof directions / sizeof *directions; ++k) {
             multiply(map, directions[k], turned);
-            const double here = red(model, turned), there = red(raw, directions[k]);
+            const double here = model_radiance(model, 0, turned, 0),
+                         there = model_radiance(raw, 0, directions[k], 0);
             if (!(fabs(here - there) <= 1e-5))
                 fail_msg("%s: direction %zu is %.9g, expected %.9g", names[record], k, here, there);
         }

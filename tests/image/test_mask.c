@@ -27,11 +27,7 @@ static temp_folder make_scene(int channels)
     const temp_folder folder = temp_folder_make();
     const model m = model_make();
     model_put(&folder, "sparse/0/", &m, true);
-    for (int i = 0; i < m.image_count; ++i) {
-        char name[64];
-        snprintf(name, sizeof name, "images/%s", m.images[i].name);
-        tree_put_picture(&folder, name, WIDTH, HEIGHT, channels, grey);
-    }
+    model_put_pictures(&folder, "images", &m, (picture){WIDTH, HEIGHT, channels, grey});
     return folder;
 }
 

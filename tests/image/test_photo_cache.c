@@ -354,11 +354,7 @@ static void deleted_photo_is_an_error(void **state)
     const temp_folder folder = temp_folder_make();
     const model m = model_make();
     model_put(&folder, "sparse/0/", &m, true);
-    for (int i = 0; i < m.image_count; ++i) {
-        char name[64];
-        snprintf(name, sizeof name, "images/%s", m.images[i].name);
-        tree_put_picture(&folder, name, 64, 48, 3, grey);
-    }
+    model_put_pictures(&folder, "images", &m, (picture){64, 48, 3, grey});
     sgs_scene_options options = sgs_scene_options_default();
     options.image_cache = 100;
     sgs_scene *scene;

@@ -30,32 +30,6 @@ static void rotate(const double q[4], const double v[3], double out[3])
         2 * (x * z - w * y) * v[0] + 2 * (y * z + w * x) * v[1] + (1 - 2 * (x * x + y * y)) * v[2];
 }
 
-// Colour in a unit direction before the offset: the basis of 3DGS, with its constants.
-static double radiance(const sgs_gaussians *model, size_t i, const double d[3], int channel)
-{
-    const double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
-    const double basis[16] = {0.28209479177387814,
-                              -0.4886025119029199 * y,
-                              0.4886025119029199 * z,
-                              -0.4886025119029199 * x,
-                              1.0925484305920792 * x * y,
-                              -1.0925484305920792 * y * z,
-                              0.31539156525252005 * (2 * zz - xx - yy),
-                              -1.0925484305920792 * x * z,
-                              0.5462742152960396 * (xx - yy),
-                              -0.5900435899266435 * y * (3 * xx - yy),
-                              2.890611442640554 * x * y * z,
-                              -0.4570457994644658 * y * (4 * zz - xx - yy),
-                              0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
-                              -0.4570457994644658 * x * (4 * zz - xx - yy),
-                              1.445305721320277 * z * (xx - yy),
-                              -0.5900435899266435 * x * (xx - 3 * yy)};
-    double sum = 0;
-    for (int k = 0; k < 16; ++k)
-        sum += basis[k] * (double)model_value(model, i, SGS_PARAM_SH_DC + 3 * k + channel);
-    return sum;
-}
-
 // Squared distance of a point in the metric of a primitive.
 static double distance(const sgs_gaussians *model, size_t i, const double point[3])
 {
@@ -106,8 +80,8 @@ static void transforms_move_density_and_colour(void **state)
                 d[k] /= sqrt(length);
             rotate(q, d, turned);
             for (int channel = 0; channel < 3; ++channel) {
-                const double error =
-                    radiance(moved, i, turned, channel) - radiance(model, i, d, channel);
+                const double error = model_radiance(moved, i, turned, channel) -
+                                     model_radiance(model, i, d, channel);
                 if (!(fabs(error) <= 3e-6))
                     fail_msg("case %zu, primitive %zu: colour differs by %g", c, i, error);
             }

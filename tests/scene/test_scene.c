@@ -26,11 +26,7 @@ static temp_folder scene_make(const char *place, bool binary, const char *images
     const temp_folder folder = temp_folder_make();
     const model m = model_make();
     model_put(&folder, place, &m, binary);
-    for (int i = 0; i < MODEL_IMAGES; ++i) {
-        char name[256];
-        snprintf(name, sizeof name, "%s/%s", images, m.images[i].name);
-        tree_put_picture(&folder, name, 32, 24, 3, red);
-    }
+    model_put_pictures(&folder, images, &m, (picture){32, 24, 3, red});
     return folder;
 }
 
@@ -410,11 +406,7 @@ static void short_name_holds_out_all_matching_views(void **state)
     m.images[1].name = "right/1.png";
     m.images[2].name = "right/2.png";
     model_put(&folder, "sparse/0/", &m, true);
-    for (int i = 0; i < 3; ++i) {
-        char name[64];
-        snprintf(name, sizeof name, "images/%s", m.images[i].name);
-        tree_put_picture(&folder, name, 32, 24, 3, red);
-    }
+    model_put_pictures(&folder, "images", &m, (picture){32, 24, 3, red});
     sgs_scene_options options = sgs_scene_options_default();
     options.test_images = "1.png";
     assert_split(folder.path, &options, "110");

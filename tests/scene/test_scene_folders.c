@@ -25,11 +25,7 @@ static temp_folder scene_make(void)
     const temp_folder folder = temp_folder_make();
     const model m = model_make();
     model_put(&folder, "sparse/0/", &m, true);
-    for (int i = 0; i < MODEL_IMAGES; ++i) {
-        char name[256];
-        snprintf(name, sizeof name, "images/%s", m.images[i].name);
-        tree_put_picture(&folder, name, 32, 24, 3, red);
-    }
+    model_put_pictures(&folder, "images", &m, (picture){32, 24, 3, red});
     assert_int_equal(chmod(folder.path, 0755), 0);
     return folder;
 }

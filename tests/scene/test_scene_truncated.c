@@ -18,11 +18,7 @@ static temp_folder scene_make(void)
     const temp_folder folder = temp_folder_make();
     const model m = model_make();
     model_put(&folder, "sparse/0/", &m, true);
-    for (int i = 0; i < m.image_count; ++i) {
-        char name[64];
-        snprintf(name, sizeof name, "images/%s", m.images[i].name);
-        tree_put_picture(&folder, name, 64, 48, 3, grey);
-    }
+    model_put_pictures(&folder, "images", &m, (picture){64, 48, 3, grey});
     return folder;
 }
 

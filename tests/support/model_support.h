@@ -62,6 +62,33 @@ static inline float model_value(const sgs_gaussians *model, size_t i, int param)
     return *sgs_gaussians_at(model, i, param);
 }
 
+// Colour in a unit direction before the offset: the basis of 3DGS, with its constants.
+static inline double model_radiance(const sgs_gaussians *model, size_t i, const double d[3],
+                                    int channel)
+{
+    const double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
+    const double basis[16] = {0.28209479177387814,
+                              -0.4886025119029199 * y,
+                              0.4886025119029199 * z,
+                              -0.4886025119029199 * x,
+                              1.0925484305920792 * x * y,
+                              -1.0925484305920792 * y * z,
+                              0.31539156525252005 * (2 * zz - xx - yy),
+                              -1.0925484305920792 * x * z,
+                              0.5462742152960396 * (xx - yy),
+                              -0.5900435899266435 * y * (3 * xx - yy),
+                              2.890611442640554 * x * y * z,
+                              -0.4570457994644658 * y * (4 * zz - xx - yy),
+                              0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
+                              -0.4570457994644658 * x * (4 * zz - xx - yy),
+                              1.445305721320277 * z * (xx - yy),
+                              -0.5900435899266435 * x * (xx - 3 * yy)};
+    double sum = 0;
+    for (int k = 0; k < 16; ++k)
+        sum += basis[k] * (double)model_value(model, i, SGS_PARAM_SH_DC + 3 * k + channel);
+    return sum;
+}
+
 static inline double model_opacity(const sgs_gaussians *model, size_t i)
 {
     return 1.0 / (1.0 + exp(-(double)model_value(model, i, SGS_PARAM_OPACITY)));

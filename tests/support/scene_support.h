@@ -338,3 +338,19 @@ static inline void model_put(const temp_folder *folder, const char *place, const
         tree_put(folder, name, b.data, b.size);
     }
 }
+
+typedef struct picture {
+    int width, height, channels;
+    const uint8_t *color;
+} picture;
+
+// A picture of one colour for each image of the model, in the folder `place`.
+static inline void model_put_pictures(const temp_folder *folder, const char *place, const model *m,
+                                      picture p)
+{
+    for (int i = 0; i < m->image_count; ++i) {
+        char name[256];
+        snprintf(name, sizeof name, "%s/%s", place, m->images[i].name);
+        tree_put_picture(folder, name, p.width, p.height, p.channels, p.color);
+    }
+}

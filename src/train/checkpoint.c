@@ -256,7 +256,7 @@ static bool list_fields(const sgs_trainer *trainer, sgsi_field_list *options,
                         sgsi_field_list *progress)
 {
     sgsi_options_write(options, &trainer->options);
-    sgsi_progress_write(progress, &trainer->progress);
+    sgsi_train_progress_write(progress, &trainer->progress);
     return !options->failed && !progress->failed;
 }
 
@@ -347,7 +347,7 @@ static bool is_count(int64_t n)
 
 // View order and counters are used as indices: checks their ranges.
 static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *trainer,
-                                 const sgsi_progress *progress)
+                                 const sgsi_train_progress *progress)
 {
     const size_t views = trainer->views.count;
     if (progress->iteration < 0 || progress->iteration > 10000000 || progress->adam_step < 0 ||
@@ -441,14 +441,14 @@ static sgs_status count_fixed(sgsi_sections *sections, const sgs_box *region, si
 // What the sections of a file contain that the trainer's members depend on.
 typedef struct contents {
     size_t n, fixed; // primitives; of these, outside of the region
-    sgsi_progress progress;
+    sgsi_train_progress progress;
 } contents;
 
 // Compares an undamaged file with the trainer.
 static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, contents *found)
 {
     size_t *const n = &found->n;
-    sgsi_progress *const progress = &found->progress;
+    sgsi_train_progress *const progress = &found->progress;
     sgs_status status = read_size(sections, n);
     if (status)
         return status;
@@ -457,7 +457,7 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, contents 
     status = sgsi_sections_find(sections, "progress", &fields, &bytes);
     if (status)
         return status;
-    status = sgsi_progress_read(sections->path, fields, bytes, progress);
+    status = sgsi_train_progress_read(sections->path, fields, bytes, progress);
     if (status)
         return status;
     status = sgsi_sections_find(sections, "options", &options, &bytes);
@@ -560,7 +560,7 @@ sgs_status sgs_trainer_check_checkpoint(sgs_trainer *trainer, const char *path)
 // Replaces the state by that of a file that agrees with the trainer; sections NULL on other ranks.
 static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, const contents *found)
 {
-    const sgsi_progress *progress = &found->progress;
+    const sgsi_train_progress *progress = &found->progress;
     sgs_ranks *ranks = sgsi_trainer_is_shared(trainer) ? trainer->views.ranks : NULL;
     trainer->inconsistent = true;
     sgs_status status = make_room(trainer, found->n);

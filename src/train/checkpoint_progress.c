@@ -1,15 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// One row per member of sgsi_progress. A new counter that changes the training is essential; a new
-// timer or statistic is optional, so that checkpoints remain readable both ways.
+// One row per member of sgsi_train_progress. A new counter that changes the training is essential;
+// a new timer or statistic is optional, so that checkpoints remain readable both ways.
 
 #include "train/checkpoint_progress.h"
 
 // NOLINTBEGIN(bugprone-macro-parentheses): members, not expressions
 #define ROW(label, member, kind, is_essential)                                                     \
     {                                                                                              \
-        .name = label, .type = SGSI_FIELD_##kind, .offset = offsetof(sgsi_progress, member),       \
+        .name = label, .type = SGSI_FIELD_##kind, .offset = offsetof(sgsi_train_progress, member), \
         .essential = is_essential                                                                  \
     }
 #define ESSENTIAL(member, kind) ROW(#member, member, kind, true)
@@ -65,14 +65,14 @@ static const sgsi_field fields[] = {
 };
 enum { FIELD_COUNT = sizeof fields / sizeof *fields };
 
-void sgsi_progress_write(sgsi_field_list *list, const sgsi_progress *progress)
+void sgsi_train_progress_write(sgsi_field_list *list, const sgsi_train_progress *progress)
 {
     sgsi_fields_write(list, fields, FIELD_COUNT, progress);
 }
 
-sgs_status sgsi_progress_read(const char *path, const uint8_t *bytes, size_t size,
-                              sgsi_progress *progress)
+sgs_status sgsi_train_progress_read(const char *path, const uint8_t *bytes, size_t size,
+                                    sgsi_train_progress *progress)
 {
-    *progress = (sgsi_progress){0};
+    *progress = (sgsi_train_progress){0};
     return sgsi_fields_read(path, "progress", bytes, size, fields, FIELD_COUNT, progress);
 }

@@ -7,7 +7,7 @@
 // Independent of trainer, optimiser and density control. For views that are only rendered, the
 // stages end with the image.
 
-#include "base/float_mode.h"
+#include "base/progress_calls.h"
 #include "base/core.h"
 #include "density/schedule.h"
 #include "loss/exposure.h"
@@ -114,14 +114,9 @@ static inline sgs_status sgsi_train_views_advance(sgsi_train_views *views)
 {
     const sgs_train_options *options = views->options;
     ++views->prepared;
-    if (!options->progress)
-        return SGS_STATUS_OK;
-    const sgsi_float_mode own = sgsi_float_mode_get();
-    sgsi_float_mode_set(views->caller_mode);
-    const bool goes_on =
-        options->progress(options->progress_user, views->prepared, views->to_prepare);
-    sgsi_float_mode_set(own);
-    if (goes_on)
+    if (!options->progress ||
+        sgsi_progress_call(options->progress, options->progress_user, views->prepared,
+                           views->to_prepare, views->caller_mode))
         return SGS_STATUS_OK;
     return sgsi_fail(SGS_STATUS_CANCELLED, "%s: cancelled after preparing %zu of %zu photos",
                      views->scene->path, views->prepared, views->to_prepare);

@@ -209,7 +209,7 @@ static void shuffle_views(const sgs_trainer *trainer, uint64_t epoch, uint32_t *
 
 static size_t next_view(sgs_trainer *trainer)
 {
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     const size_t n = trainer->views.count;
     if (progress->order_position >= n || (!progress->order_position && !progress->order_epoch)) {
         progress->order_position = 0;
@@ -262,7 +262,7 @@ static bool collects_statistics(const sgs_trainer *trainer, int iteration)
 // The next view and its photo. After a failure the same view is next.
 static sgs_status begin_view(sgs_trainer *trainer, int iteration, sgsi_train_view *view)
 {
-    const sgsi_progress before = trainer->progress;
+    const sgsi_train_progress before = trainer->progress;
     const bool collects = collects_statistics(trainer, iteration);
     sgsi_tracer_collect_abs_grad(trainer->views.tracer,
                                  collects && sgsi_trainer_uses_abs_grad(trainer, iteration));
@@ -392,7 +392,7 @@ static sgs_status control_density(sgs_trainer *trainer, int iteration, sgs_step_
 // cannot be read, the trainer is unchanged.
 static sgs_status apply_deferred(sgs_trainer *trainer, sgs_step_info *info)
 {
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     const sgsi_schedule *schedule = &trainer->schedule;
     const int iteration = progress->iteration;
     if (progress->structure_iteration >= iteration)
@@ -440,7 +440,7 @@ static double follow(double *average, double *weight, double value)
 
 static void fill_info(sgs_trainer *trainer, const sgsi_train_view *view, sgs_step_info *info)
 {
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     const sgsi_loss_output *loss = &view->loss;
     info->iteration = view->iteration;
     info->view = (size_t)(view->source - trainer->scene->views);
@@ -468,7 +468,7 @@ static void account_step(sgs_trainer *trainer, double start, sgsi_loop_seconds l
 
 static sgs_status check_ready(const sgs_trainer *trainer)
 {
-    const sgsi_progress *progress = &trainer->progress;
+    const sgsi_train_progress *progress = &trainer->progress;
     if (progress->stop != SGS_STOP_NONE)
         return sgsi_fail(SGS_STATUS_LIMIT, "training has ended after %d iterations",
                          progress->iteration);
@@ -488,11 +488,11 @@ static sgs_status check_ready(const sgs_trainer *trainer)
 // iteration trains the converted ones.
 static sgs_status repeat_last(sgs_trainer *trainer)
 {
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     sgs_step_info info;
     if (progress->stop != SGS_STOP_SCHEDULE || progress->iteration >= trainer->options.iterations)
         return SGS_STATUS_OK;
-    const sgsi_progress before = *progress;
+    const sgsi_train_progress before = *progress;
     progress->stop = SGS_STOP_NONE;
     --progress->iteration;
     --progress->order_position;
@@ -527,7 +527,7 @@ static sgs_status step(sgs_trainer *trainer, sgs_step_info *info)
         return status;
     const int iteration = trainer->progress.iteration + 1;
     sgsi_train_view view;
-    const sgsi_progress before = trainer->progress;
+    const sgsi_train_progress before = trainer->progress;
     status = begin_view(trainer, iteration, &view);
     if (trainer->views.ranks) // before anything changes, so that all ranks stay consistent
         status = sgs_ranks_agree(trainer->views.ranks, status);

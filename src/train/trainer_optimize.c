@@ -131,7 +131,7 @@ static void scale_step(sgsi_optimize *input, int views)
 // sparse optimiser has none.
 static void begin_step(sgs_trainer *trainer, int iteration, sgsi_optimize *input)
 {
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     const sgsi_schedule *schedule = &trainer->schedule;
     const bool ends = sgsi_trainer_ends_batch(trainer, iteration);
     const int views = ++progress->batch_views;
@@ -188,7 +188,7 @@ sgs_status sgsi_trainer_optimize(sgs_trainer *trainer, const sgsi_train_view *vi
 {
     const double start = sgsi_seconds();
     const bool collects = view->visible_count != NULL;
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     optimize_job job = {.input = settings(trainer, view)};
     if (sgsi_trainer_makes_step(trainer, view->iteration))
         begin_step(trainer, view->iteration, &job.input);

@@ -17,7 +17,7 @@
 #include "train/view_scores.h"
 
 // State of a run besides its arrays; part of checkpoints.
-typedef struct sgsi_progress {
+typedef struct sgsi_train_progress {
     int32_t iteration;  // completed
     int32_t adam_step;  // optimiser steps made (bias correction of dense Adam)
     int32_t last_reset; // iteration of the last opacity reset, -1 = none
@@ -35,7 +35,7 @@ typedef struct sgsi_progress {
     spare_equilibrium equilibrium;
     sgsi_skipped skipped;
     sgs_train_seconds seconds;
-} sgsi_progress;
+} sgsi_train_progress;
 
 struct sgs_trainer {
     const sgs_scene *scene;
@@ -65,7 +65,7 @@ struct sgs_trainer {
     bool has_init;                    // it began from options.init
     size_t memory_limit, image_cache; // bytes; 0 = none
     size_t beside_bytes, beside_row_bytes; // see sgs_trainer_memory_beside_set
-    sgsi_progress progress;
+    sgsi_train_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint
     float *cloud_points;   // initial cloud
     unsigned char *cloud_colors;

@@ -23,7 +23,7 @@ static void describe_equilibrium(sgs_trainer *trainer)
 // next one, so the run does not end before it.
 static bool is_at_equilibrium(sgs_trainer *trainer, size_t view, double loss)
 {
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     const sgs_train_options *o = &trainer->options;
     const sgsi_schedule *schedule = &trainer->schedule;
     const int iteration = progress->iteration, interval = schedule->check_interval;

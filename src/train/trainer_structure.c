@@ -115,7 +115,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
 {
     const sgs_train_options *o = &trainer->options;
     const sgsi_schedule *schedule = &trainer->schedule;
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     const double extent = trainer->scene->extent;
     const bool final_prune = !sgsi_schedule_is_structural(schedule, iteration);
     const bool regulates = !final_prune || sgsi_schedule_is_thinning(schedule, iteration);
@@ -196,7 +196,7 @@ sgs_status sgsi_trainer_update_structure(sgs_trainer *trainer, int iteration,
                                          const sgsi_view_scores *scores, sgs_step_info *info)
 {
     const double start = sgsi_seconds();
-    sgsi_progress *progress = &trainer->progress;
+    sgsi_train_progress *progress = &trainer->progress;
     const spare_options spare = spare_settings(trainer);
     const sgsi_density_options options = density_options(trainer, iteration, scores, &spare);
     const sgsi_row_peers peers = sgsi_trainer_peers(trainer);

@@ -72,24 +72,41 @@ static bool has_center(const json_t *camera, const sgs_view *view, double tolera
     return distance <= tolerance;
 }
 
-void run_record_check_scene(const char *folder, const sgs_scene *scene)
+// The cameras of a run, or NULL.
+static json_t *load_cameras(const char *folder)
 {
     char *path = format_text("%s/cameras.json", folder);
     json_t *cameras = load_json(path, 0, NULL);
     free(path);
-    const size_t count = json_array_size(cameras);
+    return cameras;
+}
+
+// sgs_scene_find_recorded for the names of a list, which are members of its elements, or the
+// elements if `member` is NULL. Release with free(). NULL if out of memory.
+static ptrdiff_t *find_views(const sgs_scene *scene, const json_t *list, const char *member)
+{
+    const size_t count = json_array_size(list);
     const char **names = malloc((count + 1) * sizeof *names);
-    ptrdiff_t *views = malloc((count + 1) * sizeof *views);
-    size_t same = 0;
-    if (names && views) {
-        for (size_t k = 0; k < count; ++k)
-            names[k] = json_string_value(json_object_get(json_array_get(cameras, k), "img_name"));
-        sgs_scene_find_recorded(scene, names, count, views);
-        for (size_t k = 0; k < count; ++k)
-            same += views[k] >= 0 && has_center(json_array_get(cameras, k), &scene->views[views[k]],
-                                                1e-4 * scene->extent);
+    ptrdiff_t *views = names ? malloc((count + 1) * sizeof *views) : NULL;
+    for (size_t k = 0; views && k < count; ++k) {
+        const json_t *element = json_array_get(list, k);
+        names[k] = json_string_value(member ? json_object_get(element, member) : element);
     }
+    if (views)
+        sgs_scene_find_recorded(scene, names, count, views);
     free(names);
+    return views;
+}
+
+void run_record_check_scene(const char *folder, const sgs_scene *scene)
+{
+    json_t *cameras = load_cameras(folder);
+    const size_t count = json_array_size(cameras);
+    ptrdiff_t *views = find_views(scene, cameras, "img_name");
+    size_t same = 0;
+    for (size_t k = 0; views && k < count; ++k)
+        same += views[k] >= 0 && has_center(json_array_get(cameras, k), &scene->views[views[k]],
+                                            1e-4 * scene->extent);
     free(views);
     if (count && 2 * same < scene->view_count)
         print_warning("%s: %zu of %zu cameras match those of the run %s; the scores compare "
@@ -98,24 +115,15 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene)
     json_decref(cameras);
 }
 
-// Sets used[v] to `value` for the views that the list names; members NULL: the elements are names.
+// Sets used[v] to `value` for the views that the list names.
 static bool mark_views(const sgs_scene *scene, const json_t *list, const char *member, bool *used,
                        bool value)
 {
-    const size_t count = json_array_size(list);
-    const char **names = malloc((count + 1) * sizeof *names);
-    ptrdiff_t *views = malloc((count + 1) * sizeof *views);
-    const bool done = names && views;
-    for (size_t k = 0; done && k < count; ++k) {
-        const json_t *element = json_array_get(list, k);
-        names[k] = json_string_value(member ? json_object_get(element, member) : element);
-    }
-    if (done)
-        sgs_scene_find_recorded(scene, names, count, views);
-    for (size_t k = 0; done && k < count; ++k)
+    ptrdiff_t *views = find_views(scene, list, member);
+    for (size_t k = 0; views && k < json_array_size(list); ++k)
         if (views[k] >= 0)
             used[views[k]] = value;
-    free(names);
+    const bool done = views != NULL;
     free(views);
     return done;
 }
@@ -123,8 +131,7 @@ static bool mark_views(const sgs_scene *scene, const json_t *list, const char *m
 ptrdiff_t run_record_trained(const char *folder, const json_t *config, const sgs_scene *scene,
                              sgs_split split)
 {
-    char *path = format_text("%s/cameras.json", folder);
-    json_t *cameras = load_json(path, 0, NULL);
+    json_t *cameras = load_cameras(folder);
     const json_t *held_out = json_object_get(config, "test_images");
     bool *used = calloc(scene->view_count + 1, sizeof *used);
     ptrdiff_t trained = -1;
@@ -136,7 +143,6 @@ ptrdiff_t run_record_trained(const char *folder, const json_t *config, const sgs
             trained += view_in_split(&scene->views[v], split) && used[v];
     }
     free(used);
-    free(path);
     json_decref(cameras);
     return trained;
 }

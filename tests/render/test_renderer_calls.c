@@ -18,44 +18,19 @@
 #include "sparegs/profile.h"
 #include "sparegs/rank_check.h"
 #include "sparegs/runtime.h"
+#include "support/drawing_support.h"
 #include "support/files_support.h"
-#include "support/oracle_support.h"
 #include "support/trainer_support.h"
 
 enum { WIDTH = 200, HEIGHT = 90, PIXELS = WIDTH * HEIGHT, COUNT = 3000 };
 
-typedef struct drawing {
-    oracle_scene scene;
-    sgs_camera camera;
-    sgs_pose pose;
-    sgs_renderer *renderer;
-    sgs_frame frame, d_frame;
-    sgs_gaussians *d_model;
-} drawing;
-
 static drawing drawing_create(void)
 {
-    drawing d = {.scene = oracle_random_model(7, COUNT, NULL),
-                 .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT),
-                 .pose = oracle_pose_look_at(1.9, -1.2, -3.3)};
-    assert_int_equal(sgs_renderer_create(d.scene.model, &d.renderer), SGS_STATUS_OK);
-    assert_int_equal(sgs_frame_create_with(WIDTH, HEIGHT, SGS_AOVS_ALL, &d.frame), SGS_STATUS_OK);
-    assert_int_equal(sgs_frame_create_with(WIDTH, HEIGHT, 0, &d.d_frame), SGS_STATUS_OK);
+    drawing d = drawing_of(7, COUNT, SGS_CAMERA_OPENCV, WIDTH, HEIGHT, SGS_AOVS_ALL);
     for (int c = 0; c < 3; ++c)
         for (int i = 0; i < PIXELS; ++i)
             d.d_frame.color[c][i] = (float)((i * 13 + c) % 7) / 7.0f;
-    assert_int_equal(sgs_gaussians_create(COUNT, &d.d_model), SGS_STATUS_OK);
-    assert_int_equal(sgs_gaussians_resize(d.d_model, COUNT), SGS_STATUS_OK);
     return d;
-}
-
-static void drawing_free(drawing *d)
-{
-    sgs_renderer_destroy(d->renderer);
-    sgs_frame_free(&d->frame);
-    sgs_frame_free(&d->d_frame);
-    sgs_gaussians_destroy(d->d_model);
-    oracle_scene_free(&d->scene);
 }
 
 // ---- The floating-point mode ----

@@ -15,44 +15,18 @@
 #include <pthread.h>
 
 #include "sparegs/runtime.h"
+#include "support/drawing_support.h"
 #include "support/fragile_support.h"
-#include "support/oracle_support.h"
 
 enum { WIDTH = 63, HEIGHT = 47, PIXELS = WIDTH * HEIGHT };
 
-// A model, its renderer and a differentiable rendering.
-typedef struct drawing {
-    oracle_scene scene;
-    sgs_camera camera;
-    sgs_pose pose;
-    sgs_render_options options;
-    sgs_renderer *renderer;
-    sgs_frame frame, d_frame;
-    sgs_gaussians *d_model;
-} drawing;
-
+// A differentiable drawing.
 static drawing drawing_create(uint64_t seed, size_t count, sgs_camera_model lens, sgs_filter filter)
 {
-    drawing d = {.scene = oracle_random_model(seed, count, NULL),
-                 .camera = oracle_camera(lens, WIDTH, HEIGHT),
-                 .pose = oracle_pose_look_at(1.9, -1.2, -3.3)};
+    drawing d = drawing_of(seed, count, lens, WIDTH, HEIGHT, SGS_AOVS_BASIC);
     d.options = oracle_render_options(filter, 3, d.scene.filter_3d);
     d.options.differentiable = true;
-    assert_int_equal(sgs_renderer_create(d.scene.model, &d.renderer), SGS_STATUS_OK);
-    assert_int_equal(sgs_frame_create(WIDTH, HEIGHT, &d.frame), SGS_STATUS_OK);
-    assert_int_equal(sgs_frame_create_with(WIDTH, HEIGHT, 0, &d.d_frame), SGS_STATUS_OK);
-    assert_int_equal(sgs_gaussians_create(count, &d.d_model), SGS_STATUS_OK);
-    assert_int_equal(sgs_gaussians_resize(d.d_model, count), SGS_STATUS_OK);
     return d;
-}
-
-static void drawing_free(drawing *d)
-{
-    sgs_renderer_destroy(d->renderer);
-    sgs_frame_free(&d->frame);
-    sgs_frame_free(&d->d_frame);
-    sgs_gaussians_destroy(d->d_model);
-    oracle_scene_free(&d->scene);
 }
 
 static sgs_status draw(drawing *d)

@@ -94,7 +94,8 @@ sgs_status sgsi_limit_removal(const sgsi_density_options *options, sgsi_density_
 }
 
 // Removes up to `wanted` rows of low opacity that do not grow, those of least opacity times
-// footprint first. *made: the number of rows removed.
+// footprint first. Rows not seen since the last update stay: their footprint is unknown. *made: the
+// number of rows removed.
 static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics *statistics,
                             size_t wanted, size_t *made)
 {
@@ -107,7 +108,7 @@ static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics
     for (size_t i = 0; i < n; ++i) {
         const double radius = (double)statistics->radius_max[i];
         r.candidate[i] = columns->action[i] == SGSI_ACTION_KEEP &&
-                         !sgsi_density_is_removed(columns, i) &&
+                         !sgsi_density_is_removed(columns, i) && statistics->visible_count[i] &&
                          columns->opacity[i] < REPLACED_OPACITY;
         r.score[i] = -(double)columns->opacity[i] * radius * radius;
     }
@@ -118,6 +119,19 @@ static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics
     }
     free_ranking(&r);
     return status;
+}
+
+// Rows that an update may replace at the cap. With a limit on removal, they count as removed.
+static size_t replaced_most(const sgsi_density_options *options, size_t count, size_t survivors)
+{
+    const size_t share = (size_t)(REPLACED_SHARE * (double)options->max_count);
+    if (options->opacity_is_reset)
+        return 0;
+    if (options->removal_max <= 0.0)
+        return share;
+    const size_t limit = (size_t)(options->removal_max * (double)count),
+                 removed = count - survivors, left = limit > removed ? limit - removed : 0;
+    return share < left ? share : left;
 }
 
 sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_columns *columns,
@@ -135,8 +149,7 @@ sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_c
     size_t room = survivors < cap ? cap - survivors : 0;
     if (wanted <= room)
         return SGS_STATUS_OK;
-    const size_t lacking = wanted - room,
-                 most = options->opacity_is_reset ? 0 : (size_t)(REPLACED_SHARE * (double)cap);
+    const size_t lacking = wanted - room, most = replaced_most(options, n, survivors);
     sgs_status status = make_room(columns, statistics, lacking < most ? lacking : most, &made);
     room += made;
     if (status || wanted <= room)

@@ -96,6 +96,7 @@ enum {
 #define SSIM_SIGMA 1.5 // pixels
 #define LARGE_SSIM_SIGMA 1.0
 #define LARGE_LATE_RATE 0.5
+#define NEARLY_CONSTANT 0.95
 #define LARGE_OPACITY_RATE 2.0 // at least, times that of 3DGS
 #define LATE_REMOVAL 0.05
 
@@ -207,13 +208,15 @@ static double sh_rate(const sgs_train_options *options, const sgsi_schedule_inpu
 }
 
 // A tenth at SGSI_SHORT_LENGTH, more on large photos, 1 up to CONSTANT_LENGTH and from
-// SGSI_PAPER_LENGTH on; beyond: position of N between the last two, log-linear.
+// SGSI_PAPER_LENGTH on; beyond: position of N between the last two, log-linear. A decay by less
+// than 5 % is none, so that equilibrium checks go on.
 static double late_rate(int iterations, double beyond, double large)
 {
     const double below = log((double)iterations / CONSTANT_LENGTH) /
                          log((double)SGSI_SHORT_LENGTH / CONSTANT_LENGTH);
-    const double shortest = SHORT_LATE_RATE * pow(LARGE_LATE_RATE / SHORT_LATE_RATE, large);
-    return pow(shortest, fmin(fmax(below, 0.0), 1.0 - beyond));
+    const double shortest = SHORT_LATE_RATE * pow(LARGE_LATE_RATE / SHORT_LATE_RATE, large),
+                 rate = pow(shortest, fmin(fmax(below, 0.0), 1.0 - beyond));
+    return rate > NEARLY_CONSTANT ? 1.0 : rate;
 }
 
 // The last update that only removes; 0 = none.
@@ -223,6 +226,14 @@ static int last_thinning(const sgsi_schedule *schedule, double fine)
               end = schedule->densify_until + rounded(fine * room, 0),
               last = end / schedule->densify_interval * schedule->densify_interval;
     return last > schedule->densify_until ? last : 0;
+}
+
+// Opacity resets of a scaled run with `until` iterations of densification: every 3000, and
+// densification goes on after the last one for 1500 iterations, or a third of its length in short
+// runs. Photos do not change the number, so that one more of them does not add a reset.
+static int reset_count(double until)
+{
+    return (int)floor((until - fmin(until / 3.0, 1500.0)) / 3000.0);
 }
 
 sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_schedule_input *input)
@@ -302,10 +313,9 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
         schedule.thin_until = last_thinning(&schedule, fine);
     schedule.reset_interval =
         rounded(3000.0 / schedule.densify_interval, 1) * schedule.densify_interval;
-    const int third = schedule.densify_until - schedule.densify_until * 2 / 3,
-              half = schedule.reset_interval / 2;
-    schedule.reset_until = schedule.densify_until - (third < half ? third : half);
-    if (schedule.reset_interval >= schedule.reset_until)
+    const int resets = reset_count(pipeline->densify_until * f);
+    schedule.reset_until = resets * schedule.reset_interval + 1;
+    if (!resets)
         schedule.first_reset = 0; // the run is too short for resets
     return schedule;
 }

@@ -3,7 +3,9 @@
 
 // Thinning follows a Morton curve, on which neighbours are mostly near in space. In each round
 // every second point may be removed, those nearest to their predecessor first. Neighbours are never
-// removed in the same round, so that a dense row keeps every other point.
+// removed in the same round, so that a dense row keeps every other point. Distances alone would
+// give a small cap to the far background, where points are sparse: each run of RUN points along the
+// curve keeps at least FLOOR times its share.
 
 #include "train/initial_selection.h"
 
@@ -16,9 +18,13 @@
 #include "density/pipeline.h"
 #include "model/opacity.h"
 
+enum { RUN = 64 };
+#define FLOOR 0.5
+
 typedef struct ordered_point {
     uint64_t code;
     size_t index;
+    size_t run; // number of its run
 } ordered_point;
 
 static int by_code(const void *a, const void *b)
@@ -41,8 +47,11 @@ static void order_points(const float *points, size_t n, ordered_point *order)
         inv_size[k] = high > low[k] ? 1.0f / (high - low[k]) : 0.0f;
     }
     for (size_t i = 0; i < n; ++i)
-        order[i] = (ordered_point){sgsi_morton_code(points + 3 * i, low, inv_size), i};
+        order[i] =
+            (ordered_point){.code = sgsi_morton_code(points + 3 * i, low, inv_size), .index = i};
     qsort(order, n, sizeof *order, by_code);
+    for (size_t i = 0; i < n; ++i)
+        order[i].run = i / RUN;
 }
 
 static double squared_distance(const float *a, const float *b)
@@ -53,9 +62,26 @@ static double squared_distance(const float *a, const float *b)
     return sum;
 }
 
-// Removes up to `excess` of the *count points. score [*count], marks [2 * *count]: scratch.
+// Keeps no more candidates in the run [begin, end) than it may lose: those of highest score.
+static void limit_run(const double *score, size_t begin, size_t end, size_t may_lose,
+                      uint8_t *removable)
+{
+    size_t candidates = 0;
+    for (size_t i = begin; i < end; ++i)
+        candidates += removable[i];
+    for (; candidates > may_lose; --candidates) {
+        size_t worst = end;
+        for (size_t i = begin; i < end; ++i)
+            if (removable[i] && (worst == end || score[i] < score[worst]))
+                worst = i;
+        removable[worst] = 0;
+    }
+}
+
+// Removes up to `excess` of the *count points. may_lose [runs]; score [*count], marks [2 * *count]:
+// scratch.
 static sgs_status thin_once(const float *points, ordered_point *order, size_t *count, size_t excess,
-                            double *score, uint8_t *marks)
+                            size_t *may_lose, double *score, uint8_t *marks)
 {
     const size_t n = *count;
     const size_t most = (n / 2 + 1) / 2; // half of the candidates, because distances grow
@@ -66,23 +92,41 @@ static sgs_status thin_once(const float *points, ordered_point *order, size_t *c
             i % 2 ? -squared_distance(points + 3 * order[i].index, points + 3 * order[i - 1].index)
                   : 0.0;
     }
+    for (size_t begin = 0, end = 0; begin < n; begin = end) {
+        while (end < n && order[end].run == order[begin].run)
+            ++end;
+        limit_run(score, begin, end, may_lose[order[begin].run], removable);
+    }
     const sgs_status status =
         sgsi_select_best(score, removable, n, excess < most ? excess : most, removed);
     *count = 0;
-    for (size_t i = 0; i < n; ++i)
-        if (!removed[i])
+    for (size_t i = 0; i < n; ++i) {
+        if (removed[i])
+            --may_lose[order[i].run];
+        else
             order[(*count)++] = order[i];
+    }
     return status;
 }
 
+// may_lose [n / RUN + 1]: scratch, as of thin_once.
 static sgs_status thin(const float *points, size_t n, size_t wanted, ordered_point *order,
-                       double *score, uint8_t *marks, uint8_t *chosen)
+                       size_t *may_lose, double *score, uint8_t *marks, uint8_t *chosen)
 {
     sgs_status status = SGS_STATUS_OK;
     size_t count = n;
     order_points(points, n, order);
-    while (!status && count > wanted)
-        status = thin_once(points, order, &count, count - wanted, score, marks);
+    for (size_t r = 0; r <= n / RUN; ++r) {
+        const size_t size = n - r * RUN < RUN ? n - r * RUN : RUN;
+        may_lose[r] = size - (size_t)(FLOOR * (double)size * (double)wanted / (double)n);
+    }
+    while (!status && count > wanted) {
+        const size_t before = count;
+        status = thin_once(points, order, &count, count - wanted, may_lose, score, marks);
+        if (count == before) // the runs that may still lose points have no second one
+            for (size_t r = 0; r <= n / RUN; ++r)
+                may_lose[r] = RUN;
+    }
     memset(chosen, 0, n);
     for (size_t i = 0; i < count; ++i)
         chosen[order[i].index] = 1;
@@ -94,14 +138,16 @@ sgs_status sgsi_thin_points(const float *points, size_t n, size_t wanted, uint8_
     ordered_point *order = sgsi_alloc(n, sizeof *order);
     double *score = sgsi_alloc(n, sizeof *score);
     uint8_t *marks = sgsi_alloc(n, 2);
+    size_t *may_lose = sgsi_alloc(n / RUN + 1, sizeof *may_lose);
     sgs_status status;
-    if (order && score && marks)
-        status = thin(points, n, wanted, order, score, marks, chosen);
+    if (order && score && marks && may_lose)
+        status = thin(points, n, wanted, order, may_lose, score, marks, chosen);
     else
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu points", n);
     sgsi_free(order);
     sgsi_free(score);
     sgsi_free(marks);
+    sgsi_free(may_lose);
     return status;
 }
 

@@ -543,7 +543,8 @@ static const sgs_train_option table[] = {
      .type = SGS_OPTION_BOOL,
      FIELD(spare_rap_visible),
      .help =
-         "redundancy-aware pruning keeps primitives that no view has seen since the last update",
+         "redundancy-aware pruning keeps primitives that no view has seen since the last update; "
+         "always in scaled runs with fewer iterations between updates than views",
      .group = spare_gs,
      ALL_PIPELINES,
      .spare = SGS_SPARE_RAP},

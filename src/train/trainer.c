@@ -16,6 +16,7 @@
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
 #include "sparegs/option_descriptors.h"
+#include "train/near_depth.h"
 #include "train/rank_handshake.h"
 #include "train/region_targets.h"
 #include "train/small_images.h"
@@ -88,6 +89,10 @@ static sgs_status create_parts(sgs_trainer *trainer, sgsi_float_mode caller_mode
         return status;
     views->caller_mode = caller_mode;
     trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options);
+    if (trainer->schedule.near_depth > 0.0)
+        status = sgsi_near_depth_limit(trainer->scene, &trainer->schedule.near_depth);
+    if (status)
+        return status;
     views->ssim_weight = (float)trainer->schedule.ssim_weight;
     views->ssim_sigma = (float)trainer->schedule.ssim_sigma;
     const bool has_init = trainer->options.init != NULL;

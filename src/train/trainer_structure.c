@@ -9,10 +9,23 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
+#include "density/run_length.h"
 #include "sparegs/runtime.h"
 #include "train/trainer_state.h"
 
 static const double NOISE_GRID_QUANTILE = 0.01;
+
+// RAP takes a primitive without a gradient for redundant. One that no view has shown since the last
+// update has none either: in scaled runs, whose updates may follow before all views were trained,
+// it is kept.
+static bool spares_unseen(const sgs_trainer *trainer)
+{
+    const sgs_train_options *o = &trainer->options;
+    const double seen = (double)trainer->schedule.densify_interval * o->batch;
+    return o->spare_rap_visible ||
+           (o->schedule == SGS_SCHEDULE_SCALED && o->iterations < SGSI_PAPER_LENGTH &&
+            seen < (double)trainer->views.count);
+}
 
 static spare_options spare_settings(const sgs_trainer *trainer)
 {
@@ -30,7 +43,7 @@ static spare_options spare_settings(const sgs_trainer *trainer)
     spare.slack_gain = o->spare_slope;
     spare.capacity_min = o->spare_capacity_min;
     spare.capacity_max = o->spare_capacity_max;
-    spare.rap_require_visible = o->spare_rap_visible;
+    spare.rap_require_visible = spares_unseen(trainer);
     spare.use_h = o->spare_demand & SGS_DEMAND_H;
     spare.use_v = o->spare_demand & SGS_DEMAND_V;
     spare.use_c = o->spare_demand & SGS_DEMAND_C;

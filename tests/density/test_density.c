@@ -329,6 +329,33 @@ static void growth_continues_at_the_cap_by_replacing_rows_of_low_opacity(void **
     }
 }
 
+// As above, with a limit of 6 % on removal: three rows are faint and removed anyway, so that three
+// are replaced. Rows 0 to 9 were not seen since the last update and stay.
+static void replaced_rows_were_seen_and_count_as_removed(void **state)
+{
+    (void)state;
+    fixture f = make(100);
+    f.options.max_count = 100;
+    f.options.removal_max = 0.06;
+    for (size_t i = 0; i < 100; ++i) {
+        f.statistics.visible_count[i] = i >= 10;
+        f.statistics.radius_max[i] = i < 10 ? 0.0f : (float)(100 - i);
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = i < 20 ? logf(0.35f / 0.65f) : 1.0f;
+        f.statistics.gradient_sum[i] = i >= 80 ? 1e-3f + 1e-5f * (float)i : 0.0f;
+    }
+    for (size_t i = 30; i < 33; ++i)
+        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -8.0f;
+    update(&f);
+    assert_int_equal(f.result.pruned, 6);
+    assert_int_equal(f.result.cloned, 6);
+    assert_int_equal(f.model->count, 100);
+    size_t rows[8];
+    for (size_t i = 0; i < 80; ++i)
+        assert_int_equal(rows_of(&f, (float)i, rows),
+                         !((i >= 17 && i < 20) || (i >= 30 && i < 33)));
+    drop(&f);
+}
+
 // Row 1 is not finite. Rows 10 to 29 are faint, the later the fainter, and row 40 is opaque but too
 // large: of 100 rows, an update limited to 5 % removes row 1 and the four faintest.
 static void a_limited_update_removes_the_faintest_rows_first(void **state)
@@ -665,6 +692,7 @@ int main(void)
         cmocka_unit_test(cap_is_never_exceeded_and_keeps_the_best_scores),
         cmocka_unit_test(rows_grow_by_their_share_of_absolute_gradients),
         cmocka_unit_test(growth_continues_at_the_cap_by_replacing_rows_of_low_opacity),
+        cmocka_unit_test(replaced_rows_were_seen_and_count_as_removed),
         cmocka_unit_test(a_limited_update_removes_the_faintest_rows_first),
         cmocka_unit_test(faint_rows_that_grow_count_against_the_limit),
         cmocka_unit_test(thinning_only_removes),

@@ -184,7 +184,8 @@ static void short_runs_anneal_their_rates(void **state)
             assert_true(sgsi_schedule_lr_other(&schedule, n * 7 / 10) == 1.0);
             assert_false(sgsi_schedule_is_annealing(&schedule, n * 7 / 10));
             assert_int_equal(sgsi_schedule_is_annealing(&schedule, n * 7 / 10 + 1),
-                             n > 1000 && n < 30000);
+                             schedule.lr_late < 1.0);
+            assert_true(n > 29000 || (schedule.lr_late < 1.0) == (n > 1000));
             const double last = sgsi_schedule_lr_other(&schedule, n);
             const double middle = sgsi_schedule_lr_other(&schedule, n * 17 / 20);
             assert_true(n % 20 || fabs(middle * middle - last) < 1e-12);
@@ -291,6 +292,35 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
                 assert_int_equal(sgsi_schedule_is_reset(&schedule, 500), white && resets > 1);
             }
         }
+}
+
+// The update interval depends on the photos, and resets follow updates.
+static void resets_depend_on_the_length_only(void **state)
+{
+    (void)state;
+    static const int lengths[] = {8999, 9000, 14999, 15000, 20999, 21000, 26999, 27000, 29999};
+    static const int expected[] = {0, 1, 1, 2, 2, 3, 3, 4, 4}; // floor((n / 2 - 1500) / 3000)
+    sgs_train_options options = sgs_train_options_default();
+    for (size_t k = 0; k < sizeof lengths / sizeof *lengths; ++k)
+        for (size_t views = 10; views <= 70; ++views)
+            for (double pixels = 1e5; pixels < 2e6; pixels *= 2.1) {
+                options.iterations = lengths[k];
+                const sgsi_schedule schedule =
+                    sgsi_schedule_make(&options, &(sgsi_schedule_input){views, pixels, false});
+                assert_int_equal(count_resets(&schedule), expected[k]);
+            }
+}
+
+// A decay by less than 5 % would end the equilibrium checks at 70 % of the run.
+static void runs_close_to_the_published_length_have_constant_rates(void **state)
+{
+    (void)state;
+    for (int n = 25000; n < 30000; n += 100) {
+        const sgsi_schedule schedule = make(n, SGS_SCHEDULE_SCALED);
+        assert_true(schedule.lr_late == 1.0 || schedule.lr_late <= 0.95);
+        assert_true(sgsi_schedule_is_annealing(&schedule, n - 1) == (schedule.lr_late < 1.0));
+        assert_true(n < 29700 || schedule.lr_late == 1.0);
+    }
 }
 
 static void scaled_schedule_has_its_documented_properties_at_every_length(void **state)
@@ -702,6 +732,8 @@ int main(void)
         cmocka_unit_test(white_backgrounds_have_an_additional_reset),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
         cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),
+        cmocka_unit_test(resets_depend_on_the_length_only),
+        cmocka_unit_test(runs_close_to_the_published_length_have_constant_rates),
         cmocka_unit_test(scaled_schedule_has_its_documented_properties_at_every_length),
         cmocka_unit_test(late_updates_of_scaled_runs_remove_five_percent_at_most),
         cmocka_unit_test(random_clouds_grow_as_published),

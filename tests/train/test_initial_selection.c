@@ -55,6 +55,34 @@ static void thinning_keeps_the_sparse_parts(void **state)
     }
 }
 
+// An outdoor scene: 6000 points of a ball of radius 1, 2500 of a ground of radius 10, 1500 far away
+// at 10 to 200. Distances alone would leave the ball 3.5 % of 1000.
+static void thinning_keeps_half_the_share_of_dense_parts(void **state)
+{
+    (void)state;
+    enum { BALL = 6000, GROUND = 2500, COUNT = 10000 };
+    static float points[3 * COUNT];
+    static uint8_t chosen[COUNT];
+    for (size_t i = 0; i < COUNT; ++i) {
+        const double a = 2 * M_PI * sgsi_random_uniform(7, 3 * i),
+                     z = 2 * sgsi_random_uniform(7, 3 * i + 1) - 1,
+                     u = sgsi_random_uniform(7, 3 * i + 2);
+        const double r = i < BALL ? cbrt(u) : i < BALL + GROUND ? 10 * sqrt(u) : 10 * pow(20, u);
+        const double h = i >= BALL && i < BALL + GROUND ? -1.0 / r : z, s = sqrt(1 - z * z);
+        const bool flat = i >= BALL && i < BALL + GROUND;
+        points[3 * i] = (float)(r * cos(a) * (flat ? 1 : s));
+        points[3 * i + 1] = (float)(r * sin(a) * (flat ? 1 : s));
+        points[3 * i + 2] = (float)(r * h);
+    }
+    const size_t wanted[] = {9000, 5000, 2500, 1000, 100};
+    for (size_t k = 0; k < sizeof wanted / sizeof *wanted; ++k) {
+        assert_int_equal(sgsi_thin_points(points, COUNT, wanted[k], chosen), SGS_STATUS_OK);
+        assert_int_equal(count_of(chosen, 0, COUNT), wanted[k]);
+        const double share = (double)count_of(chosen, 0, BALL) / (double)wanted[k];
+        assert_true(wanted[k] < 1000 || (share >= 0.26 && share < 0.6));
+    }
+}
+
 static void coincident_points_can_be_thinned_to_one(void **state)
 {
     (void)state;
@@ -98,6 +126,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(thinning_keeps_the_sparse_parts),
+        cmocka_unit_test(thinning_keeps_half_the_share_of_dense_parts),
         cmocka_unit_test(coincident_points_can_be_thinned_to_one),
         cmocka_unit_test(opaque_and_wide_primitives_stay),
     };

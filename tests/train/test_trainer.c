@@ -318,8 +318,8 @@ static void a_model_taken_over_trains_as_its_copy(void **state)
                 digest(copied, hashes[0]);
                 digest(taken, hashes[1]);
                 assert_string_equal(hashes[0], hashes[1]);
-                trainer_run(copied, 25);
-                trainer_run(taken, 25);
+                trainer_run(copied, 8);
+                trainer_run(taken, 8);
             }
             sgs_trainer_destroy(copied);
             sgs_trainer_destroy(taken);

@@ -84,8 +84,7 @@ run 0 train "${data[@]}" -o "$out" --iterations 2 --overwrite
 # iteration, at a change of the image size, and for the scores of an update)
 scene=$temporary/scene
 cp -r "$room" "$scene"
-iterations=400 # the photos are gone long before the end
-if is_sanitized; then iterations=300; fi
+iterations=250 # the photos are gone long before the end
 pipelines=(3dgs fastgs)
 if is_long; then pipelines+=(dash); fi
 for pipeline in "${pipelines[@]}"; do

@@ -67,7 +67,7 @@
 #include <string.h>
 
 enum { ALIGNMENT = 64, GRID_MAX = 256, RADIX = 256, BOX_LANES = 8 };
-enum { SLICE_LEAST = 1 << 14, SLICES_MOST = 256, SHARES_MOST = 16 };
+enum { MIN_SLICE = 1 << 14, MAX_SLICES = 256, MAX_SHARES = 16 };
 
 // Sums of one voxel.
 typedef struct cell {
@@ -113,7 +113,7 @@ typedef struct pass {
     size_t slices, shares; // shares: a power of two
     size_t grid;
     box box;
-    extremes found[SLICES_MOST]; // [slices]
+    extremes found[MAX_SLICES]; // [slices]
     float *weights;
     uint8_t *redundant;
     atomic_size_t redundant_count;
@@ -122,13 +122,13 @@ typedef struct pass {
 static void begin_pass(pass *p, const spare_options *options, const spare_input *input,
                        workspace *w)
 {
-    const size_t slices = input->count / SLICE_LEAST;
+    const size_t slices = input->count / MIN_SLICE;
     p->options = options;
     p->input = input;
     p->w = w;
-    p->slices = !input->loop || slices < 1 ? 1 : slices < SLICES_MOST ? slices : SLICES_MOST;
+    p->slices = !input->loop || slices < 1 ? 1 : slices < MAX_SLICES ? slices : MAX_SLICES;
     for (p->shares = 1;
-         p->slices > 1 && 2 * p->shares <= (size_t)input->threads && p->shares < SHARES_MOST;)
+         p->slices > 1 && 2 * p->shares <= (size_t)input->threads && p->shares < MAX_SHARES;)
         p->shares *= 2;
 }
 

@@ -15,11 +15,11 @@
 extern "C" {
 #endif
 
-enum { SGS_BLOCKS_MOST = 256, SGS_BLOCKS_SIGHTS = 100000 };
+enum { SGS_BLOCKS_MAX = 256, SGS_BLOCKS_MAX_SIGHT_LINES = 100000 };
 
 typedef struct sgs_block_options {
     size_t struct_size; // set by sgs_block_options_default()
-    int count;          // number of blocks, 2..SGS_BLOCKS_MOST; 2
+    int count;          // number of blocks, 2..SGS_BLOCKS_MAX; 2
     // Added on each side of a cell before views are assigned, in units of that side, 0..10; 0.2.
     double margin;
     // Fraction of a view's lines of sight that must cross the enlarged cell, 0..1; 0.1.
@@ -60,8 +60,8 @@ typedef struct sgs_blocks {
 // cell is not enough: primitives that grow in the empty space of a cell occlude what a camera sees
 // through it. (The bundled scene in four blocks: 29.4 dB with a share of 0.25 instead of 27.2; 29.8
 // dB with 0.1.) A view without points belongs to the block that contains its centre. Of more than
-// SGS_BLOCKS_SIGHTS points, every k-th one is used, with the smallest k that leaves no more, and
-// all of them for views that contain none of these.
+// SGS_BLOCKS_MAX_SIGHT_LINES points, every k-th one is used, with the smallest k that leaves no
+// more, and all of them for views that contain none of these.
 //
 // Fails with INVALID_ARGUMENT (options; a scene without points, or with too few in some cell),
 // OUT_OF_MEMORY or CANCELLED; *blocks is then zeroed.

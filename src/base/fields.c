@@ -11,7 +11,7 @@
 
 #include "base/core.h"
 
-enum { HEADER_BYTES = SGSI_FIELD_NAME + 8, FIELDS_MOST = 64 };
+enum { HEADER_BYTES = SGSI_FIELD_NAME + 8, MAX_FIELDS = 64 };
 
 void sgsi_fields_put(sgsi_field_list *list, const char *name, sgsi_field_type type, bool essential,
                      const void *value, size_t bytes)
@@ -114,9 +114,9 @@ sgs_status sgsi_fields_read(const char *path, const char *section, const uint8_t
     sgsi_field_record record;
     bool damaged = false;
     sgs_status status = SGS_STATUS_OK;
-    if (count > FIELDS_MOST)
+    if (count > MAX_FIELDS)
         return sgsi_fail(SGS_STATUS_LIMIT, "%s: section '%s' has more than %d fields", path,
-                         section, FIELDS_MOST);
+                         section, MAX_FIELDS);
     const uint8_t *at = bytes, *end = bytes + size;
     while (!status && sgsi_fields_next(&at, end, &record, &damaged))
         status = read_record(path, section, &record, fields, count, &seen, object);

@@ -157,7 +157,7 @@ static sgs_status read_table(sgsi_sections *sections, size_t size)
                        : fail_format(sections, at, "data after the end");
         if (bytes > size - section.at)
             return fail_format(sections, at, "section exceeds the file");
-        if (sections->count == SGSI_SECTIONS_MOST)
+        if (sections->count == SGSI_SECTIONS_MAX)
             return fail_format(sections, at, "too many sections");
         if (look_up(sections, section.name))
             return fail_format(sections, at, "duplicate section");

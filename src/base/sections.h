@@ -17,7 +17,7 @@
 #include "base/core.h"
 #include "sparegs/output_file.h"
 
-enum { SGSI_SECTION_NAME = 16, SGSI_SECTIONS_MOST = 64 };
+enum { SGSI_SECTION_NAME = 16, SGSI_SECTIONS_MAX = 64 };
 
 typedef enum sgsi_sections_pass {
     SGSI_SECTIONS_MEASURE, // adds up the size of the file; no piece is touched
@@ -46,7 +46,7 @@ typedef struct sgsi_sections {
     // CHECK and READ
     FILE *input;
     size_t next; // place of the next piece in the file
-    sgsi_section table[SGSI_SECTIONS_MOST];
+    sgsi_section table[SGSI_SECTIONS_MAX];
     size_t count;
 } sgsi_sections;
 

@@ -18,8 +18,8 @@
 
 enum {
     MESSAGE_BYTES = 960,
-    MOST_RANKS = 1 << 16,
-    MOST_GATHERED = 1 << 30 // bytes of a rank: counts of MPI are ints
+    MAX_RANKS = 1 << 16,
+    MAX_GATHERED = 1 << 30 // bytes of a rank: counts of MPI are ints
 };
 
 typedef struct header {
@@ -159,7 +159,7 @@ static sgs_ranks *make_ranks(const sgsi_transport *transport)
 // First rank that has failed, or -1.
 static int first_failing(const sgsi_transport *transport, bool fails)
 {
-    unsigned char own = fails, all[MOST_RANKS];
+    unsigned char own = fails, all[MAX_RANKS];
     transport->gather(transport->state, &own, 1, all);
     for (int r = 0; r < transport->count; ++r)
         if (all[r])
@@ -170,10 +170,10 @@ static int first_failing(const sgsi_transport *transport, bool fails)
 sgs_status sgsi_ranks_create(const sgsi_transport *transport, sgs_ranks **ranks)
 {
     *ranks = NULL;
-    if (transport->count > MOST_RANKS) {
+    if (transport->count > MAX_RANKS) {
         transport->close(transport->state);
         return sgsi_fail(SGS_STATUS_LIMIT, "%d ranks exceed the limit of %d", transport->count,
-                         MOST_RANKS);
+                         MAX_RANKS);
     }
     sgs_ranks *made = make_ranks(transport);
     const int failing = first_failing(transport, !made);
@@ -411,9 +411,9 @@ sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
             memcpy(got, bytes, size);
         return own;
     }
-    if (!own && size > MOST_GATHERED)
+    if (!own && size > MAX_GATHERED)
         own = sgsi_fail(SGS_STATUS_LIMIT, "%zu bytes of a rank exceed the limit of %d", size,
-                        MOST_GATHERED);
+                        MAX_GATHERED);
     const header mine = {.status = (int32_t)own, .kind = KIND_GATHER};
     const sgs_status status = meet(ranks, SGS_RANKS_OTHER, mine, NULL);
     if (status)

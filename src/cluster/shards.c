@@ -19,7 +19,7 @@
 #include "base/threads.h"
 #include "cluster/transport.h"
 
-enum { CHUNK = 4096, MOST_DEPTH = 64 };
+enum { CHUNK = 4096, MAX_DEPTH = 64 };
 
 // ---- Messages ----
 
@@ -180,7 +180,7 @@ static void add_rank(uint64_t *ranks, int rank)
 void sgsi_router_find(const sgsi_router *router, const float center[3], float radius,
                       uint32_t *guess, uint64_t *ranks)
 {
-    uint32_t stack[MOST_DEPTH];
+    uint32_t stack[MAX_DEPTH];
     int depth = 0;
     const double c[3] = {(double)center[0], (double)center[1], (double)center[2]};
     const double distance2 = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];

@@ -35,7 +35,7 @@ enum {
     COUNT_PER_BYTE = 4,
     DEFLATE_LEVEL = 9
 };
-static const uint64_t COUNT_MOST = (UINT64_C(1) << 31) - 16;
+static const uint64_t MAX_COUNT = (UINT64_C(1) << 31) - 16;
 
 static void put(uint8_t *at, uint64_t value, size_t bytes)
 {
@@ -202,7 +202,7 @@ static sgs_status read_header(sgsi_container *container)
     if (header->sh_degree > 3)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 28: SH degree %u is above 3", path,
                          header->sh_degree);
-    if (!header->count || header->count > COUNT_MOST || header->input < header->count ||
+    if (!header->count || header->count > MAX_COUNT || header->input < header->count ||
         header->count / COUNT_PER_BYTE >= container->size)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 32: %llu primitives do not fit into the file",
                          path, (unsigned long long)header->count);

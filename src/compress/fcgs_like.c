@@ -25,17 +25,17 @@
 
 enum {
     POSITION_BITS = 16,
-    VALUES_MOST = SGS_PARAM_COUNT - 3,
+    MAX_VALUES = SGS_PARAM_COUNT - 3,
     CLASSES = 12, // 0 to 9: variance; one neighbour; none
     CLASS_ONE = 10,
     CLASS_NONE = 11,
     UNARY = 16,
     EXPONENTS = 24,
     CELL_PRIMITIVES = 8,
-    CELL_COUNT_MOST = 4096, // later values do not change the context
+    MAX_CELL_COUNT = 4096, // later values do not change the context
     GROUPS = 4
 };
-static const int32_t VALUE_MOST = 1 << 20;
+static const int32_t MAX_VALUE = 1 << 20;
 
 // ---- Quantiser ----
 
@@ -250,7 +250,7 @@ static void visit_value(fcgs_walk *walk, size_t i, int v)
     if (walk->mode == WALK_DECODE) {
         const int64_t sum =
             (int64_t)mean + decode_difference(&walk->decoder, &walk->models[v][class]);
-        *value = (int32_t)(sum > VALUE_MOST ? VALUE_MOST : sum < -VALUE_MOST ? -VALUE_MOST : sum);
+        *value = (int32_t)(sum > MAX_VALUE ? MAX_VALUE : sum < -MAX_VALUE ? -MAX_VALUE : sum);
     } else if (walk->mode == WALK_ENCODE) {
         encode_difference(&walk->encoder, &walk->models[v][class], *value - mean);
     } else {
@@ -266,7 +266,7 @@ static void add_to_grid(fcgs_walk *walk, size_t i)
     const size_t values = (size_t)walk->value_count;
     for (int k = 0; k < 2; ++k) {
         const size_t node = walk->nodes[k][i];
-        if (walk->counts[k][node] >= CELL_COUNT_MOST)
+        if (walk->counts[k][node] >= MAX_CELL_COUNT)
             continue;
         ++walk->counts[k][node];
         for (size_t v = 0; v < values; ++v) {
@@ -351,13 +351,13 @@ static void quantise_row(const float *row, double step_scale, int value_count, i
     for (int v = 0; v < value_count; ++v) {
         const double x = (double)row[v + 3] * (v < 4 ? length : 1);
         const double level = floor(x / (step_of(v) * step_scale) + 0.5);
-        values[v] = (int32_t)fmin(fmax(level, -VALUE_MOST), VALUE_MOST);
+        values[v] = (int32_t)fmin(fmax(level, -MAX_VALUE), MAX_VALUE);
     }
 }
 
 static sgs_status encode_values(sgsi_compress_job *job, fcgs_walk *walk)
 {
-    class_start starts[VALUES_MOST * CLASSES];
+    class_start starts[MAX_VALUES * CLASSES];
     sgs_status status = walk_create(walk);
     if (!status)
         status = sgsi_compress_progress(job, "coding", 0, 2);
@@ -445,7 +445,7 @@ static void fill_model(const fcgs_header *header, const fcgs_walk *walk, sgs_gau
 static sgs_status decode_values(sgsi_container *in, fcgs_walk *walk)
 {
     const uint8_t *starts, *bytes;
-    class_start classes[VALUES_MOST * CLASSES];
+    class_start classes[MAX_VALUES * CLASSES];
     const size_t starts_bytes = (size_t)walk->value_count * CLASSES * sizeof *classes;
     size_t size;
     sgs_status status = sgsi_container_take(in, "classes", (int64_t)starts_bytes, &starts, NULL);

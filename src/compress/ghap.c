@@ -27,7 +27,7 @@
 #include "compress/eigen3.h"
 #include "compress/importance.h"
 
-enum { DIMENSIONS = 9, DEPTH = 10, BLOCK_LEAST = 8, ITERATIONS = 100, FINETUNE = 5000 };
+enum { DIMENSIONS = 9, DEPTH = 10, MIN_BLOCK = 8, ITERATIONS = 100, FINETUNE = 5000 };
 static const double TOLERANCE = 1e-5;
 static const float SQRT2 = 1.41421356f;
 
@@ -114,7 +114,7 @@ static void split_node(void *context, size_t node, int thread)
 static sgs_status split_blocks(ghap_reduction *reduction, size_t count, size_t wanted)
 {
     int depth = 0;
-    while (depth < DEPTH && count >> (depth + 1) >= BLOCK_LEAST && wanted >> (depth + 1))
+    while (depth < DEPTH && count >> (depth + 1) >= MIN_BLOCK && wanted >> (depth + 1))
         ++depth;
     reduction->blocks = (size_t)1 << depth;
     const size_t most = reduction->blocks;

@@ -15,11 +15,11 @@
 
 #include "compress/image_codec_exr.h"
 
-enum { JXL_EFFORT = 7, SIDE_MOST = 65535, WEBP_SIDE_MOST = 16383 / 2 };
+enum { JXL_EFFORT = 7, MAX_SIDE = 65535, WEBP_MAX_SIDE = 16383 / 2 };
 
 bool sgsi_image_fits(sgs_image_codec codec, size_t side)
 {
-    return side <= (codec == SGS_IMAGE_CODEC_WEBP ? WEBP_SIDE_MOST : SIDE_MOST);
+    return side <= (codec == SGS_IMAGE_CODEC_WEBP ? WEBP_MAX_SIDE : MAX_SIDE);
 }
 
 // The values as bytes, for images that are not wide. Released with free().

@@ -27,7 +27,7 @@
 #include "sparegs/prune.h"
 #include "prune/scores.h"
 
-enum { BATCH = 262144, FINETUNE = 8000, DEPTH = 20, BLOCKS = 57, CODES = 2048, DEPTH_MOST = 21 };
+enum { BATCH = 262144, FINETUNE = 8000, DEPTH = 20, BLOCKS = 57, CODES = 2048, MAX_DEPTH = 21 };
 static const double DECAY = 0.8, SMOOTHING = 1e-5;
 
 typedef struct meson_header {
@@ -365,7 +365,7 @@ static sgs_status take_header(sgsi_container *in, sgsi_meson *meson)
     memcpy(&header, bytes, sizeof header);
     const size_t dim = 3 * (size_t)sgsi_sh_rest_count((int)in->header.sh_degree);
     const uint64_t most = in->header.count > 1 ? in->header.count - 1 : 1;
-    if (header.depth < 1 || header.depth > DEPTH_MOST || header.blocks < 1 ||
+    if (header.depth < 1 || header.depth > MAX_DEPTH || header.blocks < 1 ||
         header.blocks > 65536 || header.blocks > most || header.center > 1 ||
         header.codes > 65536 || (header.codes > 0) != (dim > 0))
         return sgsi_fail(SGS_STATUS_FORMAT,

@@ -23,10 +23,10 @@
 
 enum {
     C = SGSI_PLAS_CHANNELS,
-    BLOCK_LEAST = 16,
+    MIN_BLOCK = 16,
     DIRECT_TAPS = 17,
     BOXES = 4,
-    OFFSETS_LEAST = 4,
+    MIN_OFFSETS = 4,
     GROUPS_PER_ITEM = 4096,
     BATCH = 16, // groups whose cells are fetched at once
     COORDINATE_BITS = 16
@@ -292,7 +292,7 @@ static bool sort_radius(plas_work *work, size_t radius)
     taps = taps < side - 1 ? taps : side - 1;
     work->half = taps / 2;
     work->block = (taps + 1 < side ? taps + 1 : side) / 2 * 2;
-    work->block = work->block > BLOCK_LEAST ? work->block : BLOCK_LEAST;
+    work->block = work->block > MIN_BLOCK ? work->block : MIN_BLOCK;
     work->block = work->block < side ? work->block : side;
     work->blocks = side / work->block;
     if (!make_target(work))
@@ -305,7 +305,7 @@ static bool sort_radius(plas_work *work, size_t radius)
         bool improved = false;
         while (run_pass(work))
             improved = true;
-        if (work->cancelled || (!improved && offset + 1 >= OFFSETS_LEAST))
+        if (work->cancelled || (!improved && offset + 1 >= MIN_OFFSETS))
             return true;
     }
 }

@@ -13,7 +13,7 @@
 
 // Probability of a zero in 1 / 65536; adapts by 1 / 32.
 typedef uint16_t sgsi_bit_model;
-enum { SGSI_BIT_ADAPTATION = 5, SGSI_BIT_LEAST = 512 };
+enum { SGSI_BIT_ADAPTATION = 5, SGSI_BIT_MIN = 512 };
 
 typedef struct sgsi_range_encoder {
     uint8_t *bytes;
@@ -68,9 +68,9 @@ static inline void sgsi_range_shift(sgsi_range_encoder *e)
 static inline void sgsi_bit_adapt(sgsi_bit_model *model, int bit)
 {
     if (bit)
-        *model = (uint16_t)(*model - ((*model - SGSI_BIT_LEAST) >> SGSI_BIT_ADAPTATION));
+        *model = (uint16_t)(*model - ((*model - SGSI_BIT_MIN) >> SGSI_BIT_ADAPTATION));
     else
-        *model = (uint16_t)(*model + ((65536 - SGSI_BIT_LEAST - *model) >> SGSI_BIT_ADAPTATION));
+        *model = (uint16_t)(*model + ((65536 - SGSI_BIT_MIN - *model) >> SGSI_BIT_ADAPTATION));
 }
 
 static inline void sgsi_range_encode(sgsi_range_encoder *e, sgsi_bit_model *model, int bit)

@@ -26,9 +26,9 @@
 #include "compress/plas.h"
 #include "compress/portable_math.h"
 
-enum { ATTRIBUTES = 6, MEANS = 0, DC, REST, SCALE, ROTATION, OPACITY, IMAGES_MOST = 24 };
+enum { ATTRIBUTES = 6, MEANS = 0, DC, REST, SCALE, ROTATION, OPACITY, MAX_IMAGES = 24 };
 static const double IMPROVEMENT_BREAK = 1e-4;
-static const float LOG_SCALE_LEAST = -104.0f; // exp(-104) is 0 in single precision
+static const float MIN_LOG_SCALE = -104.0f; // exp(-104) is 0 in single precision
 
 // Attributes: limits, or the range of the data (low = high).
 static const struct {
@@ -70,7 +70,7 @@ typedef struct sog_image {
 } sog_image;
 
 // The images of a model, without pixels.
-static int list_images(const sog_header *header, int sh_degree, sog_image images[IMAGES_MOST])
+static int list_images(const sog_header *header, int sh_degree, sog_image images[MAX_IMAGES])
 {
     int count = 0;
     for (int a = 0; a < ATTRIBUTES; ++a)
@@ -119,7 +119,7 @@ static void prepare_rows(sgsi_compress_job *job)
         float *row = job->rows + i * SGS_PARAM_COUNT, *q = row + SGS_PARAM_ROTATION;
         for (int k = 0; k < 3; ++k) {
             row[k] = contracted(row[k]);
-            row[SGS_PARAM_SCALE + k] = fmaxf(row[SGS_PARAM_SCALE + k], LOG_SCALE_LEAST);
+            row[SGS_PARAM_SCALE + k] = fmaxf(row[SGS_PARAM_SCALE + k], MIN_LOG_SCALE);
         }
         double length = 0;
         for (int k = 0; k < 4; ++k)
@@ -281,7 +281,7 @@ static void encode_image(void *context, size_t k, int thread)
 static sgs_status encode_images(const sgsi_compress_job *job, const sog_header *header,
                                 const uint32_t *cells)
 {
-    sog_image images[IMAGES_MOST];
+    sog_image images[MAX_IMAGES];
     sog_encoding encoding = {job, header, cells, images};
     const int count = list_images(header, job->sh_degree, images);
     const int portion = sgsi_threads();
@@ -422,7 +422,7 @@ static sgs_status decode_images(sgsi_container *in, const sog_header *header, so
 static sgs_status decode(sgsi_container *in, sgs_gaussians **model)
 {
     sog_header header;
-    sog_image images[IMAGES_MOST];
+    sog_image images[MAX_IMAGES];
     sgs_status status = read_header(in, &header);
     if (status)
         return status;

@@ -50,7 +50,7 @@ static const double PAPER_EXTENT = 5.0, PAPER_NOISE = 5e5, SHORT_SPREAD = 0.8;
 
 static const double CAP_REACHED = 0.2; // of the updates of a short run
 
-enum { CAP_OF_INITIAL = 10, CAP_MOST = 1000000, DRAW_RELOCATION = 0x3E10, DRAW_GROWTH = 0x6407 };
+enum { CAP_OF_INITIAL = 10, MAX_CAP = 1000000, DRAW_RELOCATION = 0x3E10, DRAW_GROWTH = 0x6407 };
 
 typedef struct chain_update {
     const sgsi_density_options *options;
@@ -69,7 +69,7 @@ static size_t cap_of(const sgsi_density_options *options)
                  deleted = (size_t)options->state->deleted;
     size_t cap = options->max_count;
     if (!cap) {
-        cap = CAP_OF_INITIAL * initial < CAP_MOST ? CAP_OF_INITIAL * initial : CAP_MOST;
+        cap = CAP_OF_INITIAL * initial < MAX_CAP ? CAP_OF_INITIAL * initial : MAX_CAP;
         cap = cap > initial ? cap : initial;
     }
     return cap > deleted ? cap - deleted : 0;

@@ -4,7 +4,7 @@
 // Kheradmand et al. 2024, stochastic gradient Langevin dynamics. Adam's step becomes one of
 // Langevin dynamics by noise of the primitive's own covariance: Sigma xi, not its root, as printed.
 // The gate lets primitives that contribute little explore; opaque ones stay where they are. Three
-// normals per row take time, so rows above SGSI_NOISE_OPACITY_MOST get none by definition, with
+// normals per row take time, so rows above SGSI_NOISE_OPACITY_MAX get none by definition, with
 // every instruction set.
 
 #include "density/position_noise.h"
@@ -85,7 +85,7 @@ static void add_range(void *context, size_t begin, size_t end, int thread)
 void sgsi_position_noise_add(sgs_gaussians *model, int rank, int ranks, double scale, uint64_t seed,
                              int iteration)
 {
-    const double most = SGSI_NOISE_OPACITY_MOST;
+    const double most = SGSI_NOISE_OPACITY_MAX;
     noise_loop loop = {.model = model,
                        .rank = rank,
                        .ranks = ranks,

@@ -10,7 +10,7 @@
 #include "sparegs/gaussians.h"
 
 // Rows of a larger opacity get no noise: the gate is below 5.1e-7 there.
-#define SGSI_NOISE_OPACITY_MOST 0.15
+#define SGSI_NOISE_OPACITY_MAX 0.15
 
 // g(o) = 1 / (1 + exp(100 (o - 0.005))): noise is for faint primitives.
 double sgsi_position_noise_gate(double opacity);

@@ -21,21 +21,21 @@
 
 #include "base/core.h"
 
-static const double LEAST_OPACITY = 0.005, MOST_OPACITY = 1.0 - 0x1p-23;
+static const double MIN_OPACITY = 0.005, MAX_OPACITY = 1.0 - 0x1p-23;
 
 double sgsi_relocation_clamp(double opacity)
 {
-    return fmin(fmax(opacity, LEAST_OPACITY), MOST_OPACITY);
+    return fmin(fmax(opacity, MIN_OPACITY), MAX_OPACITY);
 }
 
 double sgsi_relocation_opacity(double opacity, uint32_t n)
 {
-    return -expm1(log1p(-fmin(opacity, MOST_OPACITY)) / n);
+    return -expm1(log1p(-fmin(opacity, MAX_OPACITY)) / n);
 }
 
 double sgsi_relocation_scale(double opacity, uint32_t n)
 {
-    const double whole = fmin(opacity, MOST_OPACITY), part = sgsi_relocation_opacity(whole, n);
+    const double whole = fmin(opacity, MAX_OPACITY), part = sgsi_relocation_opacity(whole, n);
     double term = 1.0, sum = 0.0; // term: C(n, j) part^j
     for (uint32_t j = 1; j <= n && term > 0.0; ++j) {
         term *= part * (double)(n - j + 1) / j;

@@ -66,7 +66,7 @@ enum {
     CONSTANT_LENGTH = 1000,
     SHORT_SH_LENGTH = 2000,
     SHORT_UPDATES = 10,
-    LEAST_INTERVAL = 20,
+    MIN_INTERVAL = 20,
     RELOCATION_INTERVAL = 50,
     FIRST_PRUNE = 6, // final prunes, in intervals of FastGS: 18 000 to 27 000 every 3000
     LAST_PRUNE = 9,
@@ -308,7 +308,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
     schedule.late_removal = options->iterations < CONSTANT_LENGTH ? 0.0 : LATE_REMOVAL;
     schedule.densify_from = first_update(options->iterations);
     schedule.densify_interval =
-        rounded((PAPER_HALF * f - schedule.densify_from) / updates, LEAST_INTERVAL);
+        rounded((PAPER_HALF * f - schedule.densify_from) / updates, MIN_INTERVAL);
     if (schedule.late_removal > 0.0 && !pipeline->prune_interval)
         schedule.thin_until = last_thinning(&schedule, fine);
     schedule.reset_interval =

@@ -18,7 +18,7 @@ enum {
     LOCAL_BYTES = 30,
     CENTRAL_BYTES = 46,
     END_BYTES = 22,
-    COMMENT_MOST = 65535,
+    MAX_COMMENT = 65535,
     METHOD_STORED = 0,
     METHOD_DEFLATE = 8,
     ENCRYPTED = 1,
@@ -35,7 +35,7 @@ static const uint8_t *find_end(const sgsi_archive *archive)
     if (archive->size < END_BYTES)
         return NULL;
     const size_t last = archive->size - END_BYTES,
-                 first = last > COMMENT_MOST ? last - COMMENT_MOST : 0;
+                 first = last > MAX_COMMENT ? last - MAX_COMMENT : 0;
     for (size_t at = last + 1; at-- > first;)
         if (sgsi_load_u32(archive->bytes + at) == END_MAGIC)
             return archive->bytes + at;

@@ -22,7 +22,7 @@
 enum { CHUNK_SIZE = 256, BOUND_COUNT = 18, OLD_BOUND_COUNT = 12, WORD_COUNT = 4, MAX_REST = 45 };
 
 static const double SQRT_2 = 1.41421356237309505;
-static const float MOST_STORED_LOG = 20.0f; // log scales are clamped to this magnitude
+static const float MAX_STORED_LOG = 20.0f; // log scales are clamped to this magnitude
 
 static const char *const bound_names[BOUND_COUNT] = {
     "min_x",       "min_y",       "min_z",       "max_x",       "max_y",       "max_z",
@@ -264,7 +264,7 @@ static double unmix(const float *bounds, int k, double value)
 
 static float stored_log(float log_scale)
 {
-    return fminf(fmaxf(log_scale, -MOST_STORED_LOG), MOST_STORED_LOG);
+    return fminf(fmaxf(log_scale, -MAX_STORED_LOG), MAX_STORED_LOG);
 }
 
 static uint32_t pack_rotation(const double q[4])

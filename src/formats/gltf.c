@@ -36,7 +36,7 @@ enum {
     COMPONENT_FLOAT = 5126,
     ARRAY_BUFFER = 34962,
     MODE_POINTS = 0,
-    LEAST_ROW_BYTES = 20, // position, and one byte for all other values
+    MIN_ROW_BYTES = 20, // position, and one byte for all other values
     JSON_DIGITS = 9
 };
 
@@ -306,7 +306,7 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
         check_kernel(file, splatting);
         file->total += opened.mean.count;
         file->sh_degree = opened.sh_degree > file->sh_degree ? opened.sh_degree : file->sh_degree;
-        if (file->total > file->size / LEAST_ROW_BYTES)
+        if (file->total > file->size / MIN_ROW_BYTES)
             return sgsi_fail(SGS_STATUS_LIMIT,
                              "%s: its nodes repeat primitives: %zu primitives in %zu bytes; export "
                              "it without instances",

@@ -30,7 +30,7 @@ enum {
 };
 
 static const float BUCKET_SIDE = 5.0f;
-static const float FLOAT16_MOST = 65504.0f;
+static const float MAX_FLOAT16 = 65504.0f;
 
 typedef struct level_layout {
     size_t scale, rotation, rest; // bytes of one value
@@ -335,7 +335,7 @@ static void store_value(uint8_t *at, size_t bytes, float value)
     if (bytes == 4)
         sgsi_store_float(at, value);
     else
-        sgsi_store_u16(at, sgsi_float16_from(fminf(fmaxf(value, -FLOAT16_MOST), FLOAT16_MOST)));
+        sgsi_store_u16(at, sgsi_float16_from(fminf(fmaxf(value, -MAX_FLOAT16), MAX_FLOAT16)));
 }
 
 static void warn_about_scales(const char *path, const sgs_gaussians *model)
@@ -345,13 +345,13 @@ static void warn_about_scales(const char *path, const sgs_gaussians *model)
         bool large = false;
         for (int k = 0; k < 3; ++k)
             large = large || exp((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k)) >
-                                 (double)FLOAT16_MOST;
+                                 (double)MAX_FLOAT16;
         changed += large;
     }
     if (changed)
         sgsi_warn("%s: this level of KSPLAT holds scales of up to %.0f units; %zu of %zu "
                   "primitives have larger ones, which are clamped; use level 0",
-                  path, (double)FLOAT16_MOST, changed, model->count);
+                  path, (double)MAX_FLOAT16, changed, model->count);
 }
 
 static void encode_row(int level, int sh_degree, const sgsi_splat *splat, const float *center,

@@ -10,7 +10,7 @@
 #include "model/similarity.h"
 
 // For scales of 0: exp(-30) is 1e-13 world units.
-static const float LEAST_LOG_SCALE = -30.0f;
+static const float MIN_LOG_SCALE = -30.0f;
 
 // Value for an infinite logit: ln((1 - 1e-6) / 1e-6). Alpha is clamped at 0.99 in any case, and the
 // sigmoid of this value has a gradient in float.
@@ -63,11 +63,11 @@ void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
         *logit = *logit > 0.0f ? OPAQUE_LOGIT : -OPAQUE_LOGIT;
     for (int k = 0; k < 3; ++k) // 0 in linear scale: a disc or line
         if (params[SGS_PARAM_SCALE + k] == -INFINITY)
-            params[SGS_PARAM_SCALE + k] = LEAST_LOG_SCALE;
+            params[SGS_PARAM_SCALE + k] = MIN_LOG_SCALE;
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
         usable = usable && isfinite(params[k]);
     for (int k = 0; k < 3; ++k)
-        usable = usable && params[SGS_PARAM_SCALE + k] <= SGSI_MOST_LOG_SCALE;
+        usable = usable && params[SGS_PARAM_SCALE + k] <= SGSI_MAX_LOG_SCALE;
     float *q = params + SGS_PARAM_ROTATION;
     const double norm =
         sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);
@@ -129,7 +129,7 @@ float sgsi_logit(double opacity)
 
 float sgsi_log_scale(double scale)
 {
-    return scale == 0.0 ? LEAST_LOG_SCALE : (float)log(scale);
+    return scale == 0.0 ? MIN_LOG_SCALE : (float)log(scale);
 }
 
 sgsi_splat sgsi_splat_get(const sgs_gaussians *model, size_t i)

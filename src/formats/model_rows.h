@@ -108,7 +108,7 @@ typedef enum sgsi_axes {
     SGSI_AXES_PLY = 0,
     SGSI_AXES_RUB = 2 | 4, // x right, y up, z back
     SGSI_AXES_LUF = 1 | 2, // x left, y up, z front
-    SGSI_AXES_MOST = 7
+    SGSI_AXES_MAX = 7
 } sgsi_axes;
 
 void sgsi_change_axes(sgsi_axes axes, float params[SGS_PARAM_COUNT]);

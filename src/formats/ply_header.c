@@ -17,7 +17,7 @@
 #include "base/core.h"
 #include "formats/color_marks.h"
 
-enum { BUFFER_BYTES = 1 << 18, MOST_TAKEN = 1 << 16, MAX_LINE = 1024, MAX_WORDS = 6 };
+enum { BUFFER_BYTES = 1 << 18, MAX_TAKEN = 1 << 16, MAX_LINE = 1024, MAX_WORDS = 6 };
 
 sgs_status sgsi_ply_open(const char *path, sgsi_ply_stream *stream)
 {
@@ -41,7 +41,7 @@ void sgsi_ply_close(sgsi_ply_stream *stream)
 
 const uint8_t *sgsi_ply_take(sgsi_ply_stream *stream, size_t n)
 {
-    if (n > MOST_TAKEN || n > sgsi_ply_left(stream))
+    if (n > MAX_TAKEN || n > sgsi_ply_left(stream))
         return NULL;
     if (stream->end - stream->begin < n) {
         stream->end -= stream->begin;
@@ -64,7 +64,7 @@ static bool skip_bytes(sgsi_ply_stream *stream, size_t n)
     if (n > sgsi_ply_left(stream))
         return false;
     while (n) {
-        const size_t step = n < MOST_TAKEN ? n : MOST_TAKEN;
+        const size_t step = n < MAX_TAKEN ? n : MAX_TAKEN;
         if (!sgsi_ply_take(stream, step))
             return false;
         n -= step;

@@ -15,7 +15,7 @@
 
 #include "base/core.h"
 
-enum { PATH_MOST = 4096, ITERATIONS_MOST = 1000000000 };
+enum { MAX_PATH = 4096, MAX_ITERATIONS = 1000000000 };
 
 int sgs_run_iteration(const char *name)
 {
@@ -24,7 +24,7 @@ int sgs_run_iteration(const char *name)
     if (strncmp(name, prefix, sizeof prefix - 1))
         return 0;
     const long iteration = strtol(name + sizeof prefix - 1, &end, 10);
-    return *end || iteration < 1 || iteration >= ITERATIONS_MOST ? 0 : (int)iteration;
+    return *end || iteration < 1 || iteration >= MAX_ITERATIONS ? 0 : (int)iteration;
 }
 
 // False if it does not fit.
@@ -37,13 +37,13 @@ static bool model_path(const char *folder, int iteration, char *path, size_t byt
 
 sgs_status sgs_run_model_path(const char *folder, char *path, size_t bytes, int *iteration)
 {
-    char clouds[PATH_MOST];
+    char clouds[MAX_PATH];
     if (snprintf(clouds, sizeof clouds, "%s/point_cloud", folder) >= (int)sizeof clouds)
         return sgsi_fail(SGS_STATUS_LIMIT, "%.80s...: path of a run folder is too long", folder);
     DIR *directory = opendir(clouds);
     int newest = 0;
     for (struct dirent *entry; directory && (entry = readdir(directory));) {
-        char ply[PATH_MOST];
+        char ply[MAX_PATH];
         const int at = sgs_run_iteration(entry->d_name);
         if (at > newest && model_path(folder, at, ply, sizeof ply) && !access(ply, R_OK))
             newest = at;
@@ -89,7 +89,7 @@ static bool read_background(const json_t *value, float background[3])
 
 static sgs_status read_config(const char *folder, sgs_run_settings *settings)
 {
-    char path[PATH_MOST];
+    char path[MAX_PATH];
     if (snprintf(path, sizeof path, "%s/config.json", folder) >= (int)sizeof path)
         return sgsi_fail(SGS_STATUS_LIMIT, "%.80s...: path of a run folder is too long", folder);
     if (access(path, F_OK) && errno == ENOENT)
@@ -122,7 +122,7 @@ static sgs_status read_config(const char *folder, sgs_run_settings *settings)
 
 sgs_status sgs_run_read(const char *folder, sgs_gaussians **model, sgs_run_settings *settings)
 {
-    char path[PATH_MOST];
+    char path[MAX_PATH];
     *settings = (sgs_run_settings){.filter = SGS_FILTER_3DGS, .compact_box = 1.0};
     if (model)
         *model = NULL;

@@ -25,7 +25,7 @@
 #include "formats/model_format.h"
 
 // meta.json of a writer has about 15 kB, most of it codebooks.
-enum { META_MOST = 1 << 20 };
+enum { MAX_META = 1 << 20 };
 
 static const double SQRT_2 = 1.41421356237309505;
 
@@ -290,7 +290,7 @@ sgs_status sgsi_sog_open(sgsi_sog *sog, const char *path)
         folder ? sgsi_archive_open(&archive, folder)
                : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     if (!status)
-        status = sgsi_archive_read(&archive, "meta.json", META_MOST, &text, &length);
+        status = sgsi_archive_read(&archive, "meta.json", MAX_META, &text, &length);
     if (!status) {
         sog->bytes = length;
         meta = json_loadb((const char *)text, length, JSON_REJECT_DUPLICATES, &error);

@@ -17,7 +17,7 @@
 #include "formats/row_order.h"
 #include "sparegs/version.h"
 
-enum { PALETTE_MOST = 65536, JSON_DIGITS = 9 };
+enum { MAX_PALETTE = 65536, JSON_DIGITS = 9 };
 
 static const double SQRT_2 = 1.41421356237309505;
 static const char *const texture_names[SGSI_SOG_TEXTURES] = {
@@ -44,7 +44,7 @@ typedef struct sog_writer {
 static size_t default_palette(size_t count)
 {
     size_t size = 1024;
-    while (size < PALETTE_MOST && 2 * size <= count)
+    while (size < MAX_PALETTE && 2 * size <= count)
         size *= 2;
     return size;
 }

@@ -42,13 +42,13 @@ enum {
     RECORD_HEADER_BYTES = 8, // of an extension record: type and size
     AXES_RECORD_BYTES = 12,
     AXES_RDF = 6, // a value of the record
-    FRACTIONAL_BITS_MOST = 30,
+    MAX_FRACTIONAL_BITS = 30,
     FRACTIONAL_BITS_WRITTEN = 20,
     COUNT_PER_BYTE = 4, // at most, versions 1 to 3
     COUNT_PER_BYTE_4 = 16,
     COUNT_ALWAYS = 1 << 16, // accepted in a file of any size
-    ROW_BYTES_MOST = 92,    // degree 4
-    RECORDS_MOST = 1 << 16,
+    MAX_ROW_BYTES = 92,     // degree 4
+    MAX_RECORDS = 1 << 16,
     GZIP_LEVEL = 6,
     ZSTD_LEVEL = 9
 };
@@ -66,9 +66,9 @@ static const uint8_t axes_records[SGS_SPZ_AXES_COUNT] = {
     [SGS_SPZ_AXES_RFU] = 12, [SGS_SPZ_AXES_LBD] = 13, [SGS_SPZ_AXES_RBD] = 14};
 
 static const double SQRT_HALF = 0.70710678118654752;
-static const double COORDINATE_MOST = 8388607.0; // without fractional bits
-static const double LOG_SCALE_LEAST = -10.0, LOG_SCALE_MOST = 255.0 / 16.0 - 10.0;
-static const double DC_MOST = 0.5 / 0.15; // largest coefficient of degree 0
+static const double MAX_COORDINATE = 8388607.0; // without fractional bits
+static const double MIN_LOG_SCALE = -10.0, MAX_LOG_SCALE = 255.0 / 16.0 - 10.0;
+static const double MAX_DC = 0.5 / 0.15; // largest coefficient of degree 0
 
 // deflate expands at most 1032 times; a header more for empty streams.
 static const size_t GZIP_RATIO = 1032;
@@ -92,7 +92,7 @@ typedef struct spz_file {
 // The axes that change their signs.
 static sgsi_axes axes_of(sgs_spz_axes axes)
 {
-    return (sgsi_axes)(((axes_records[axes] - 1) ^ (AXES_RDF - 1)) & SGSI_AXES_MOST);
+    return (sgsi_axes)(((axes_records[axes] - 1) ^ (AXES_RDF - 1)) & SGSI_AXES_MAX);
 }
 
 static size_t row_bytes(const spz_file *file, int stream)
@@ -132,10 +132,10 @@ static sgs_status read_fields(spz_file *file, const uint8_t *header)
     if (file->sh_stored > 4)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: byte 12: SH degree %d is not within 0 to 4",
                          file->path, file->sh_stored);
-    if (file->fractional_bits > FRACTIONAL_BITS_MOST)
+    if (file->fractional_bits > MAX_FRACTIONAL_BITS)
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: byte 13: %d fractional bits are not within 0 to %d", file->path,
-                         file->fractional_bits, FRACTIONAL_BITS_MOST);
+                         file->fractional_bits, MAX_FRACTIONAL_BITS);
     if (!file->count)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: contains no primitives", file->path);
     if (file->count > count_limit(file->version, file->size))
@@ -201,7 +201,7 @@ static sgs_status read_plain(spz_file *file, const uint8_t *data, size_t size)
 static sgs_status read_gzip(spz_file *file, size_t size)
 {
     const size_t expanded = size * GZIP_RATIO,
-                 plausible = HEADER_BYTES + ROW_BYTES_MOST * count_limit(1, size) + RECORDS_MOST,
+                 plausible = HEADER_BYTES + MAX_ROW_BYTES * count_limit(1, size) + MAX_RECORDS,
                  most = expanded < plausible ? expanded : plausible;
     size_t unpacked;
     sgs_status status = sgsi_unpack(SGSI_PACKING_GZIP, file->path, "gzip data", file->bytes, size,
@@ -418,14 +418,14 @@ static sgs_status choose_fractional_bits(const char *path, const sgs_gaussians *
         for (int k = 0; k < 3; ++k)
             largest = fmax(largest, fabs((double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k)));
     *bits = FRACTIONAL_BITS_WRITTEN;
-    while (*bits > 0 && ldexp(largest, *bits) > COORDINATE_MOST)
+    while (*bits > 0 && ldexp(largest, *bits) > MAX_COORDINATE)
         --*bits;
-    return largest <= COORDINATE_MOST
+    return largest <= MAX_COORDINATE
                ? SGS_STATUS_OK
                : sgsi_fail(SGS_STATUS_LIMIT,
                            "%s: a coordinate of %.9g exceeds the %.0f units of SPZ; move the model "
                            "towards the origin, or scale it down",
-                           path, largest, COORDINATE_MOST);
+                           path, largest, MAX_COORDINATE);
 }
 
 static double largest_log_scale(const sgs_gaussians *model, size_t i)
@@ -442,7 +442,7 @@ static void warn_about_positions(const char *path, const sgs_gaussians *model, i
     const double step = ldexp(1.0, -fractional_bits);
     size_t coarse = 0;
     for (size_t i = 0; i < model->count; ++i)
-        coarse += step > exp(fmax(largest_log_scale(model, i), LOG_SCALE_LEAST));
+        coarse += step > exp(fmax(largest_log_scale(model, i), MIN_LOG_SCALE));
     if (coarse > model->count / 100)
         sgsi_warn("%s: the farthest primitive makes the quantisation step of all positions %.3g "
                   "units, more than the size of %zu of %zu primitives; remove distant primitives",
@@ -456,12 +456,12 @@ static void warn_about_scales(const char *path, const sgs_gaussians *model)
     size_t changed = 0;
     for (size_t i = 0; i < model->count; ++i) {
         const double largest = largest_log_scale(model, i);
-        changed += largest < LOG_SCALE_LEAST - 1.0 / 32 || largest > LOG_SCALE_MOST + 1.0 / 32;
+        changed += largest < MIN_LOG_SCALE - 1.0 / 32 || largest > MAX_LOG_SCALE + 1.0 / 32;
     }
     if (changed)
         sgsi_warn("%s: SPZ holds scales of %.2g to %.3g units; %zu of %zu primitives have others, "
                   "which are clamped to these limits; scale the model",
-                  path, exp(LOG_SCALE_LEAST), exp(LOG_SCALE_MOST), changed, model->count);
+                  path, exp(MIN_LOG_SCALE), exp(MAX_LOG_SCALE), changed, model->count);
 }
 
 typedef struct stream_packing {
@@ -607,7 +607,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
         return status;
     warn_about_positions(path, model, file.fractional_bits);
     warn_about_scales(path, model);
-    sgsi_warn_clipped_colors(path, "SPZ", model, sgsi_color_from_dc(DC_MOST));
+    sgsi_warn_clipped_colors(path, "SPZ", model, sgsi_color_from_dc(MAX_DC));
     sgsi_warn_clipped_harmonics(path, "SPZ", model, 1.0);
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;
     for (int k = 0; k < STREAM_COUNT; ++k)

@@ -9,7 +9,7 @@
 
 #include "base/core.h"
 
-enum { FIRST_FACTOR = 4, LEAST_BUFFER = 4096 };
+enum { FIRST_FACTOR = 4, MIN_BUFFER = 4096 };
 
 typedef enum attempt { ATTEMPT_DONE, ATTEMPT_TOO_SMALL, ATTEMPT_CORRUPT } attempt;
 
@@ -43,7 +43,7 @@ sgs_status sgsi_unpack(sgsi_packing packing, const char *path, const char *what,
     attempt result = ATTEMPT_TOO_SMALL;
     bool no_memory = packing != SGSI_PACKING_ZSTD && !decompressor;
     *out = NULL;
-    room = room < LEAST_BUFFER && LEAST_BUFFER < most ? LEAST_BUFFER : room;
+    room = room < MIN_BUFFER && MIN_BUFFER < most ? MIN_BUFFER : room;
     while (!no_memory) {
         *out = sgsi_alloc(room + 1, 1);
         no_memory = !*out;

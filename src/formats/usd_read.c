@@ -18,7 +18,7 @@
 #include "formats/color_marks.h"
 #include "formats/usd_splats.h"
 
-enum { MOST_WORD = SGSI_USD_NAME, MOST_DEPTH = 64, FIRST_CAPACITY = 16 };
+enum { MAX_WORD = SGSI_USD_NAME, MAX_DEPTH = 64, FIRST_CAPACITY = 16 };
 static const size_t NO_SPLATS = SIZE_MAX;
 
 // What the words before a brace say about its prim.
@@ -34,11 +34,11 @@ typedef struct usd_reader {
     usd_announced next;
     struct {
         sgsi_usd_transform transform;
-        size_t first;                    // prim with splats since its brace
-        size_t splats;                   // index if it has splats, else NO_SPLATS
-        bool is_hidden, is_variants;     // or one above is
-        char color_space[MOST_WORD + 1]; // "" if it has none
-    } open[MOST_DEPTH + 1];              // by depth: the open prims
+        size_t first;                   // prim with splats since its brace
+        size_t splats;                  // index if it has splats, else NO_SPLATS
+        bool is_hidden, is_variants;    // or one above is
+        char color_space[MAX_WORD + 1]; // "" if it has none
+    } open[MAX_DEPTH + 1];              // by depth: the open prims
     bool z_up;
     bool colors_only; // skips the arrays, without warnings
     bool composed;    // names other layers, or its package may contain some
@@ -117,7 +117,7 @@ static bool is_word(char letter)
 }
 
 // The next word, or a single other character. False at the end of the text.
-static bool next_token(usd_reader *reader, char word[MOST_WORD + 1])
+static bool next_token(usd_reader *reader, char word[MAX_WORD + 1])
 {
     size_t length = 0;
     skip_space(reader);
@@ -135,7 +135,7 @@ static bool next_token(usd_reader *reader, char word[MOST_WORD + 1])
         return true;
     }
     for (; reader->at < reader->end && is_word(*reader->at); ++reader->at)
-        if (length < MOST_WORD)
+        if (length < MAX_WORD)
             word[length++] = *reader->at;
     word[length] = 0;
     return true;
@@ -190,7 +190,7 @@ static void read_color_space(usd_reader *reader)
     skip_space(reader);
     if (*reader->at != '"')
         return;
-    for (const char *at = reader->at + 1; is_word(*at) && length < MOST_WORD; ++at)
+    for (const char *at = reader->at + 1; is_word(*at) && length < MAX_WORD; ++at)
         name[length++] = *at;
     name[length] = 0;
 }
@@ -249,7 +249,7 @@ static sgs_status open_brace(usd_reader *reader)
 {
     const usd_announced next = reader->next;
     reader->next = (usd_announced){0};
-    if (reader->depth == MOST_DEPTH)
+    if (reader->depth == MAX_DEPTH)
         return fail_line(reader, "braces are nested deeper than 64");
     const bool hidden = reader->open[reader->depth].is_hidden || next.is_hidden,
                variants = reader->open[reader->depth].is_variants || next.is_variants;
@@ -348,7 +348,7 @@ static void read_colors(usd_reader *reader)
 
 static sgs_status read_layer(usd_reader *reader)
 {
-    char word[MOST_WORD + 1], previous[MOST_WORD + 1] = "";
+    char word[MAX_WORD + 1], previous[MAX_WORD + 1] = "";
     int parentheses = 0, nested = 0;
     sgs_status status = SGS_STATUS_OK;
     while (!status && next_token(reader, word)) {

@@ -16,7 +16,7 @@
 
 extern const char sgsi_web_page[]; // generated from web_page.html, .css and .js
 
-enum { BASE64_BLOCK = 3 * 4096, MOST_CAMERAS = 1000 };
+enum { BASE64_BLOCK = 3 * 4096, MAX_CAMERAS = 1000 };
 
 static const char placeholder[] = "<!-- model -->";
 
@@ -48,11 +48,11 @@ static json_t *real_list(const double *values, size_t count)
     return list;
 }
 
-// Axes are the rows of the rotation: right, down, front. At most MOST_CAMERAS, evenly chosen.
+// Axes are the rows of the rotation: right, down, front. At most MAX_CAMERAS, evenly chosen.
 static json_t *camera_list(const sgs_model_write_options *options)
 {
     json_t *list = json_array();
-    const size_t step = (options->camera_count + MOST_CAMERAS - 1) / MOST_CAMERAS;
+    const size_t step = (options->camera_count + MAX_CAMERAS - 1) / MAX_CAMERAS;
     for (size_t c = 0; c < options->camera_count; c += step) {
         const sgs_model_camera *camera = &options->cameras[c];
         const double *r = camera->rotation, *t = camera->translation;

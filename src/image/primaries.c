@@ -13,8 +13,8 @@ const float sgsi_rec709[SGSI_CHROMATICITIES] = {0.64f, 0.33f, 0.30f,   0.60f,
                                                 0.15f, 0.06f, 0.3127f, 0.3290f};
 
 static const double TOLERANCE = 1e-3;
-static const double LEAST_DETERMINANT = 1e-6;
-static const double MOST_ENTRY = 1e3; // of a matrix between colour spaces in use: 3
+static const double MIN_DETERMINANT = 1e-6;
+static const double MAX_ENTRY = 1e3; // of a matrix between colour spaces in use: 3
 
 static const double bradford[3][3] = {
     {0.8951, 0.2664, -0.1614}, {-0.7502, 1.7135, 0.0367}, {0.0389, -0.0685, 1.0296}};
@@ -53,7 +53,7 @@ static bool invert(const double m[3][3], double inverse[3][3])
     }
     for (int i = 0; i < 9; ++i)
         inverse[i / 3][i % 3] /= determinant;
-    return fabs(determinant) > LEAST_DETERMINANT; // false for NaN
+    return fabs(determinant) > MIN_DETERMINANT; // false for NaN
 }
 
 // *white: XYZ of the white point.
@@ -92,7 +92,7 @@ bool sgsi_primaries_to_rec709(const float chromaticities[SGSI_CHROMATICITIES], d
     multiply(back, adapted, xyz);
     multiply(from_xyz, xyz, matrix);
     for (int i = 0; i < 9; ++i)
-        if (!(fabs(matrix[i / 3][i % 3]) <= MOST_ENTRY))
+        if (!(fabs(matrix[i / 3][i % 3]) <= MAX_ENTRY))
             return false;
     return true;
 }

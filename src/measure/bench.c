@@ -279,7 +279,7 @@ sgs_bench_counts sgs_bench_counts_get(const sgs_bench *bench)
 
 // ---- Several machines ----
 
-enum { MOST_RANKS = 1024 };
+enum { MAX_RANKS = 1024 };
 
 // Adds one view, `share` of the mean.
 static void add_view(const sgsi_rank_traffic *traffic, double share, sgs_rank_prediction *to)
@@ -345,16 +345,16 @@ sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
     const sgsi_train_views *views = &bench->trainer->views;
     size_t most_tiles = 0;
     for (size_t i = 0; i < count; ++i) {
-        if (ranks[i] < 2 || ranks[i] > MOST_RANKS)
+        if (ranks[i] < 2 || ranks[i] > MAX_RANKS)
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%d ranks are not within 2 to %d",
-                             ranks[i], MOST_RANKS);
+                             ranks[i], MAX_RANKS);
         predictions[i] = (sgs_rank_prediction){.ranks = ranks[i]};
     }
     for (size_t v = 0; v < views->count; ++v)
         most_tiles = views->tile_counts[v] > most_tiles ? views->tile_counts[v] : most_tiles;
     sgsi_tile_cost *tiles = sgsi_calloc(most_tiles, sizeof *tiles);
     float *costs = sgsi_calloc(most_tiles, sizeof *costs); // a cell has at least one tile
-    sgsi_rank_traffic *traffic = sgsi_calloc(MOST_RANKS, sizeof *traffic);
+    sgsi_rank_traffic *traffic = sgsi_calloc(MAX_RANKS, sizeof *traffic);
     sgs_status status = tiles && costs && traffic
                             ? SGS_STATUS_OK
                             : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,

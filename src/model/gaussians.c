@@ -33,7 +33,7 @@ static const double SMALLEST_SQUARED_DISTANCE = 1e-7; // for scenes of extent >=
 static const double FALLBACK_OF_EXTENT = 0.01;
 
 enum { INIT_GRAIN = 4096 };
-static const size_t MOST_PRIMITIVES = (size_t)INT32_MAX - 15; // ids have 32 bits, some are signed
+static const size_t MAX_PRIMITIVES = (size_t)INT32_MAX - 15; // ids have 32 bits, some are signed
 
 typedef struct inert_rows {
     sgs_gaussians *model;
@@ -88,9 +88,9 @@ sgs_status sgs_gaussians_reserve(sgs_gaussians *model, size_t capacity)
 {
     if (capacity <= model->capacity)
         return SGS_STATUS_OK;
-    if (capacity > MOST_PRIMITIVES)
+    if (capacity > MAX_PRIMITIVES)
         return sgsi_fail(SGS_STATUS_LIMIT, "%zu primitives exceed the limit of %zu", capacity,
-                         MOST_PRIMITIVES);
+                         MAX_PRIMITIVES);
     const size_t blocks = (capacity + SGS_LANES - 1) / SGS_LANES;
     void *data = model->data;
     if (!sgsi_grow(&data, model->capacity / SGS_LANES, blocks,

@@ -252,7 +252,7 @@ typedef struct candidate {
 // The best candidates so far, a heap with the worst one on top.
 typedef struct candidate_heap {
     size_t count, wanted;
-    candidate items[SGSI_KNN_MOST];
+    candidate items[SGSI_KNN_MAX];
 } candidate_heap;
 
 static bool is_worse(const candidate *a, const candidate *b)

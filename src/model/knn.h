@@ -21,13 +21,13 @@ sgs_status sgsi_knn(const float *points, size_t n, double *distances);
 // A search tree over a cloud, for any number of neighbours.
 typedef struct sgsi_knn_tree sgsi_knn_tree;
 
-enum { SGSI_KNN_MOST = 256 };
+enum { SGSI_KNN_MAX = 256 };
 
 // points [n][3], finite; copied. Fails as sgsi_knn; *made is then NULL.
 sgs_status sgsi_knn_tree_create(const float *points, size_t n, sgsi_knn_tree **made);
 void sgsi_knn_tree_destroy(sgsi_knn_tree *t); // accepts NULL
 
-// The k nearest other points, k <= SGSI_KNN_MOST and k < n, of the points at places [begin, end)
+// The k nearest other points, k <= SGSI_KNN_MAX and k < n, of the points at places [begin, end)
 // of the tree's own order, in which neighbours are near each other: neighbours[i][k] of point i
 // receives their indices by ascending distance. Which of several points at the distance of the last
 // one is chosen is unspecified, but the same with any number of threads. Parallel; cannot fail.

@@ -48,7 +48,7 @@ static size_t find_out_of_range(const sgs_gaussians *model, const sgsi_similarit
         for (int k = 0; k < 3; ++k) {
             mean[k] = (double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k);
             if ((double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) + s->log_scale >
-                (double)SGSI_MOST_LOG_SCALE)
+                (double)SGSI_MAX_LOG_SCALE)
                 return i;
         }
         for (int k = 0; k < 3; ++k)

@@ -9,11 +9,11 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_SIZE = 7 };
+enum { MAX_SIZE = 7 };
 
 // Real SH of one degree in the order and with the signs of 3DGS, without the factors that all
 // functions of a degree share.
-static void basis(int degree, const double d[3], double y[MOST_SIZE])
+static void basis(int degree, const double d[3], double y[MAX_SIZE])
 {
     const double a = d[0], b = d[1], c = d[2];
     if (degree == 1) {
@@ -49,7 +49,7 @@ static void direction(int i, int count, double d[3])
 }
 
 // Solves left x = right for `size` right sides by Gauss-Jordan elimination; right becomes x.
-static void solve(int size, double left[MOST_SIZE][MOST_SIZE], double right[MOST_SIZE][MOST_SIZE])
+static void solve(int size, double left[MAX_SIZE][MAX_SIZE], double right[MAX_SIZE][MAX_SIZE])
 {
     for (int column = 0; column < size; ++column) {
         int pivot = column;
@@ -78,11 +78,11 @@ static void solve(int size, double left[MOST_SIZE][MOST_SIZE], double right[MOST
     }
 }
 
-static void rotate_sh(const double rotation[3][3], double sh[4][MOST_SIZE][MOST_SIZE])
+static void rotate_sh(const double rotation[3][3], double sh[4][MAX_SIZE][MAX_SIZE])
 {
     for (int degree = 1; degree <= 3; ++degree) {
         const int size = 2 * degree + 1;
-        double left[MOST_SIZE][MOST_SIZE];
+        double left[MAX_SIZE][MAX_SIZE];
         for (int i = 0; i < size; ++i) {
             double d[3], turned[3]; // R^-1 d
             direction(i, size, d);
@@ -130,7 +130,7 @@ static void apply_rotation(const sgsi_similarity *s, float params[SGS_PARAM_COUN
         const int size = 2 * degree + 1;
         for (int channel = 0; channel < 3; ++channel) {
             float *values = params + SGS_PARAM_SH_REST + 3 * first + channel;
-            double old[MOST_SIZE];
+            double old[MAX_SIZE];
             for (int j = 0; j < size; ++j)
                 old[j] = (double)values[3 * j];
             for (int i = 0; i < size; ++i) {

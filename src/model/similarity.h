@@ -7,7 +7,7 @@
 #include "sparegs/gaussians.h"
 
 // exp(44)^2 is the largest square of a scale that float holds.
-#define SGSI_MOST_LOG_SCALE 44.0f
+#define SGSI_MAX_LOG_SCALE 44.0f
 
 typedef struct sgsi_similarity {
     double scale, log_scale;

@@ -24,7 +24,7 @@ enum {
     END_BYTES = 22,   // end of the central directory, without comment
     ENTRY_BYTES = 46, // entry of the central directory, without name
     LOCAL_BYTES = 30, // header of an entry's data
-    MOST_BYTES = 1 << 26,
+    MAX_BYTES = 1 << 26,
 };
 
 static const int widths[LAYERS + 1] = {SGS_RAP_FEATURES, 32, 32, 16, 2};
@@ -155,7 +155,7 @@ sgs_status sgs_rap_read(const char *path, sgs_rap_network **network)
     *network = NULL;
     uint8_t *bytes;
     archive a = {.path = path};
-    sgs_status status = sgsi_file_read(path, MOST_BYTES, &bytes, &a.size);
+    sgs_status status = sgsi_file_read(path, MAX_BYTES, &bytes, &a.size);
     if (status)
         return status;
     a.bytes = bytes;

@@ -213,7 +213,7 @@ static bool passes(const sgs_box *box, const float *center, const float *point)
 
 // Counts the lines of sight of a view to every `step`-th point, and adds those that pass each cell
 // to `in`.
-static size_t count_sights(const planner *p, size_t v, size_t step, size_t in[SGS_BLOCKS_MOST])
+static size_t count_sights(const planner *p, size_t v, size_t step, size_t in[SGS_BLOCKS_MAX])
 {
     const sgs_scene *scene = p->scene;
     size_t seen = 0;
@@ -232,8 +232,9 @@ static void assign_view(void *context, size_t v, int thread)
     (void)thread;
     planner *p = context;
     const size_t blocks = p->blocks->count;
-    const size_t step = (p->scene->point_count + SGS_BLOCKS_SIGHTS - 1) / SGS_BLOCKS_SIGHTS;
-    size_t in[SGS_BLOCKS_MOST] = {0};
+    const size_t step =
+        (p->scene->point_count + SGS_BLOCKS_MAX_SIGHT_LINES - 1) / SGS_BLOCKS_MAX_SIGHT_LINES;
+    size_t in[SGS_BLOCKS_MAX] = {0};
     if (sgsi_progress_cancelled(&p->progress))
         return;
     size_t seen = count_sights(p, v, step, in);
@@ -284,9 +285,9 @@ static sgs_status assign_views(planner *p)
 
 static sgs_status check(const sgs_scene *scene, const sgs_block_options *o)
 {
-    if (o->count < 2 || o->count > SGS_BLOCKS_MOST)
+    if (o->count < 2 || o->count > SGS_BLOCKS_MAX)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "the number of blocks must be 2 to %d",
-                         SGS_BLOCKS_MOST);
+                         SGS_BLOCKS_MAX);
     if (!(o->margin >= 0.0 && o->margin <= 10.0) || !(o->share >= 0.0 && o->share <= 1.0))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "margin must be 0 to 10 and share 0 to 1; they are %g and %g", o->margin,

@@ -16,7 +16,7 @@
 #include "base/core.h"
 #include "sparegs/option_descriptors.h"
 
-enum { TEXT_CAPACITY = 128, ROWS_MOST = 64 };
+enum { TEXT_CAPACITY = 128, MAX_ROWS = 64 };
 
 static bool is_recorded(const sgs_train_option *row)
 {
@@ -67,7 +67,7 @@ static sgs_status compare(comparison *c, const sgs_train_option *row, const char
 }
 
 static sgs_status compare_record(comparison *c, const sgsi_field_record *record,
-                                 bool seen[ROWS_MOST])
+                                 bool seen[MAX_ROWS])
 {
     const char *path = c->path;
     size_t count;
@@ -77,7 +77,7 @@ static sgs_status compare_record(comparison *c, const sgsi_field_record *record,
                          record->name);
     char before[TEXT_CAPACITY] = "";
     memcpy(before, record->value, record->bytes);
-    for (size_t i = 0; i < count && i < ROWS_MOST; ++i) {
+    for (size_t i = 0; i < count && i < MAX_ROWS; ++i) {
         if (strcmp(rows[i].name, record->name) || !is_recorded(&rows[i]))
             continue;
         if (seen[i])
@@ -98,7 +98,7 @@ sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t s
 {
     comparison c = {path, now, iteration, false};
     const sgs_train_options initial = sgs_train_options_default();
-    bool seen[ROWS_MOST] = {false}, damaged = false;
+    bool seen[MAX_ROWS] = {false}, damaged = false;
     sgsi_field_record record;
     sgs_status status = SGS_STATUS_OK;
     const uint8_t *at = bytes, *end = bytes + size;
@@ -109,7 +109,7 @@ sgs_status sgsi_options_compare(const char *path, const uint8_t *bytes, size_t s
                          "%s: section 'options': a field is truncated or damaged", path);
     size_t count;
     const sgs_train_option *rows = sgs_train_option_descriptors(&count);
-    for (size_t i = 0; i < count && i < ROWS_MOST && !status; ++i) {
+    for (size_t i = 0; i < count && i < MAX_ROWS && !status; ++i) {
         char before[TEXT_CAPACITY];
         sgs_train_option_text(&rows[i], &initial, before, sizeof before);
         if (!seen[i] && is_recorded(&rows[i]))

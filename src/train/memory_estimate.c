@@ -38,13 +38,13 @@ enum {
     LIST_BYTES = 2800,      // per candidate of the fullest tile of an image of one tile
     CROWDING = 16,          // primitives in the fullest tile relative to the mean
     TILE_PIXELS = SGSI_TILE * SGSI_TILE,
-    MOST_CAMERAS = 256 // number of cameras compared with each other
+    MAX_CAMERAS = 256 // number of cameras compared with each other
 };
 
 // Bytes of the ray tables of all different cameras.
 static size_t table_bytes(const sgs_scene *scene)
 {
-    const sgs_camera *distinct[MOST_CAMERAS];
+    const sgs_camera *distinct[MAX_CAMERAS];
     size_t count = 0, bytes = 0;
     for (size_t i = 0; i < scene->view_count; ++i) {
         const sgs_camera *camera = &scene->views[i].camera;
@@ -54,7 +54,7 @@ static size_t table_bytes(const sgs_scene *scene)
         if (k < count)
             continue;
         bytes += sgsi_ray_table_bytes(camera->width, camera->height);
-        if (count < MOST_CAMERAS)
+        if (count < MAX_CAMERAS)
             distinct[count++] = camera;
     }
     return bytes;

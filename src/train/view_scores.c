@@ -320,11 +320,11 @@ sgs_status sgsi_view_scores_compute(sgsi_train_views *views, const sgsi_score_in
                                     sgsi_view_scores *scores)
 {
     const sgsi_pipeline *pipeline = input->pipeline;
-    enum { MOST = 64 };
-    size_t drawn[MOST];
+    enum { MAX_DRAWN = 64 };
+    size_t drawn[MAX_DRAWN];
     const size_t n = views->count;
     size_t wanted = (size_t)pipeline->score_views < n ? (size_t)pipeline->score_views : n;
-    wanted = wanted < MOST ? wanted : MOST;
+    wanted = wanted < MAX_DRAWN ? wanted : MAX_DRAWN;
     const bool shared = views->view_ranks != NULL;
     sgs_status status = reserve(scores, input->model->capacity,
                                 shared ? input->whole_count + 1 : input->model->capacity,

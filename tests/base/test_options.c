@@ -55,7 +55,7 @@ static const struct {
 #undef ROW
 };
 
-enum { MOST = 1024, CANARY = 0xA5 };
+enum { MAX_SIZE = 1024, CANARY = 0xA5 };
 
 // Bytes of two structs that differ after struct_size, up to `size`; padding counts.
 static bool same(const unsigned char *a, const unsigned char *b, size_t size)
@@ -68,11 +68,11 @@ static void defaults_fill_structs_of_any_size(void **state)
 {
     (void)state;
     for (size_t t = 0; t < sizeof types / sizeof *types; ++t) {
-        _Alignas(16) unsigned char full[MOST], other[MOST];
+        _Alignas(16) unsigned char full[MAX_SIZE], other[MAX_SIZE];
         memset(full, 0, sizeof full);
         const size_t whole = types[t].make(full);
         size_t stored;
-        assert_true(whole < MOST - 64);
+        assert_true(whole < MAX_SIZE - 64);
         memcpy(&stored, full, sizeof stored);
         assert_int_equal(stored, whole);
         for (size_t size = sizeof size; size <= whole + 64; ++size) {

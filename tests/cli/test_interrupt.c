@@ -17,16 +17,16 @@
 #include "cli/interrupt.h"
 
 // FOLLOW + n: another process of the run has received signal n. REQUEST: the program stops itself.
-enum { REQUEST = -2000, FOLLOW = -1000, END = 0, WORK_COMPLETE = 7, MOST_STEPS = 5 };
+enum { REQUEST = -2000, FOLLOW = -1000, END = 0, WORK_COMPLETE = 7, MAX_STEPS = 5 };
 
 // The status of a process in which these signals arrive, and whether they stop it at once.
-static int status_after(const int steps[MOST_STEPS], bool *stopped_at_once)
+static int status_after(const int steps[MAX_STEPS], bool *stopped_at_once)
 {
     const pid_t child = fork();
     assert_true(child >= 0);
     if (!child) {
         interrupt_watch();
-        for (size_t i = 0; i < MOST_STEPS && steps[i] != END; ++i)
+        for (size_t i = 0; i < MAX_STEPS && steps[i] != END; ++i)
             if (steps[i] == REQUEST)
                 interrupt_request();
             else if (steps[i] < 0)
@@ -45,7 +45,7 @@ static int status_after(const int steps[MOST_STEPS], bool *stopped_at_once)
 static void one_request_that_arrives_several_times_lets_the_work_end(void **state)
 {
     (void)state;
-    static const int cases[][MOST_STEPS] = {
+    static const int cases[][MAX_STEPS] = {
         {SIGTERM},
         {SIGTERM, SIGTERM},
         {INTERRUPT_PASSED_ON, SIGTERM, SIGTERM},
@@ -76,7 +76,7 @@ static void one_request_that_arrives_several_times_lets_the_work_end(void **stat
 static void a_second_request_of_the_user_ends_at_once(void **state)
 {
     (void)state;
-    static const int cases[][MOST_STEPS] = {
+    static const int cases[][MAX_STEPS] = {
         {SIGINT, SIGINT},          {SIGTERM, SIGINT},
         {SIGHUP, SIGINT},          {FOLLOW + SIGTERM, SIGINT, SIGINT},
         {REQUEST, SIGINT, SIGINT}, {SIGINT, REQUEST, SIGINT}};
@@ -90,7 +90,7 @@ static void a_second_request_of_the_user_ends_at_once(void **state)
 static void a_stop_of_the_program_is_an_interrupt_and_no_first_signal(void **state)
 {
     (void)state;
-    static const int cases[][MOST_STEPS] = {{REQUEST}, {REQUEST, REQUEST}, {REQUEST, SIGINT}};
+    static const int cases[][MAX_STEPS] = {{REQUEST}, {REQUEST, REQUEST}, {REQUEST, SIGINT}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
         bool stopped;
         assert_int_equal(status_after(cases[i], &stopped), SIGINT);
@@ -123,7 +123,7 @@ static void a_process_ends_with_the_signal_that_another_one_received(void **stat
     static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
     for (size_t i = 0; i < sizeof signals / sizeof *signals; ++i) {
         bool stopped;
-        const int steps[MOST_STEPS] = {FOLLOW + signals[i]};
+        const int steps[MAX_STEPS] = {FOLLOW + signals[i]};
         assert_int_equal(status_after(steps, &stopped), signals[i]);
         assert_false(stopped);
     }
@@ -133,7 +133,7 @@ static void no_request_is_no_signal(void **state)
 {
     (void)state;
     bool stopped;
-    assert_int_equal(status_after((const int[MOST_STEPS]){SIGUSR1}, &stopped), 0);
+    assert_int_equal(status_after((const int[MAX_STEPS]){SIGUSR1}, &stopped), 0);
     assert_false(stopped);
 }
 

@@ -20,7 +20,7 @@
 #include "base/core.h"
 #include "support/ranks_support.h"
 
-enum { MOST_RANKS = 5, MOST_BYTES = 5000, ROUNDS = 3 };
+enum { MAX_RANKS = 5, MAX_BYTES = 5000, ROUNDS = 3 };
 
 // Byte i of a rank in a round.
 static unsigned char expected(int rank, int round, size_t i)
@@ -45,7 +45,7 @@ static void collect(member *m, sgs_ranks *ranks, int round, unsigned char *own, 
     const int rank = sgs_ranks_rank(ranks);
     for (size_t i = 0; i < m->size; ++i)
         own[i] = expected(rank, round, i);
-    memset(got, 0xee, MOST_RANKS * MOST_BYTES);
+    memset(got, 0xee, MAX_RANKS * MAX_BYTES);
     const sgs_status status =
         rank == m->failing ? sgsi_fail(SGS_STATUS_IO, "frame %d is lost", round) : SGS_STATUS_OK;
     if (rank == m->starving)
@@ -55,7 +55,7 @@ static void collect(member *m, sgs_ranks *ranks, int round, unsigned char *own, 
     sgsi_fail_allocation(0);
     if (m->status)
         snprintf(m->message, sizeof m->message, "%s", sgs_last_error());
-    for (int r = 0; r < MOST_RANKS && !rank && !m->status; ++r)
+    for (int r = 0; r < MAX_RANKS && !rank && !m->status; ++r)
         for (size_t i = 0; i < m->size; ++i)
             m->wrong +=
                 got[(size_t)r * m->size + i] != (r < m->senders ? expected(r, round, i) : 0xee);
@@ -64,7 +64,7 @@ static void collect(member *m, sgs_ranks *ranks, int round, unsigned char *own, 
 static void run_rank(void *context, sgs_ranks *ranks)
 {
     member *m = context;
-    unsigned char *own = malloc(MOST_BYTES), *got = malloc(MOST_RANKS * MOST_BYTES);
+    unsigned char *own = malloc(MAX_BYTES), *got = malloc(MAX_RANKS * MAX_BYTES);
     if (sgs_ranks_agree(ranks, SGS_STATUS_OK)) // the ranks exist, before an allocation fails
         abort();
     for (int round = 0; round < ROUNDS && !m->status; ++round)
@@ -86,11 +86,11 @@ static void blocks_arrive_in_the_order_of_the_ranks(void **state)
     (void)state;
     static const size_t sizes[] = {1, 63, 64, 65, 4999};
     for (size_t k = 0; k < sizeof sizes / sizeof *sizes; ++k)
-        for (int count = 1; count <= MOST_RANKS; ++count)
+        for (int count = 1; count <= MAX_RANKS; ++count)
             for (int senders = 1; senders <= count; ++senders) {
                 const member plan = {
                     .size = sizes[k], .senders = senders, .failing = -1, .starving = -1};
-                member members[MOST_RANKS];
+                member members[MAX_RANKS];
                 run_ranks(&plan, count, members);
                 for (int r = 0; r < count; ++r) {
                     assert_int_equal(members[r].status, SGS_STATUS_OK);
@@ -107,7 +107,7 @@ static void a_failure_ends_the_call_on_all_ranks(void **state)
     (void)state;
     for (int failing = 0; failing < 3; ++failing) {
         const member plan = {.size = 100, .senders = 2, .failing = failing, .starving = -1};
-        member members[MOST_RANKS];
+        member members[MAX_RANKS];
         char text[40];
         snprintf(text, sizeof text, "rank %d (", failing);
         run_ranks(&plan, 3, members);
@@ -126,7 +126,7 @@ static void a_rank_without_memory_ends_the_call_on_all_ranks(void **state)
         for (size_t at = 1; at <= 2; ++at) {
             const member plan = {
                 .size = 100, .senders = 3, .failing = -1, .starving = starving, .starving_at = at};
-            member members[MOST_RANKS];
+            member members[MAX_RANKS];
             run_ranks(&plan, 3, members);
             for (int r = 0; r < 3; ++r) {
                 assert_int_equal(members[r].status, SGS_STATUS_OUT_OF_MEMORY);

@@ -17,7 +17,7 @@
 #include "cluster/row_streams.h"
 #include "support/ranks_support.h"
 
-enum { MOST_RANKS = 5 };
+enum { MAX_RANKS = 5 };
 
 // Byte i of every array.
 static unsigned char expected(size_t i)
@@ -93,8 +93,8 @@ static void arrays_arrive_complete_and_in_order(void **state)
     static const size_t cases[][2] = {{64, 0},     {64, 1},        {64, 64},     {64, 200},
                                       {100, 1999}, {1000, 999000}, {4096, 8191}, {60416, 9000001}};
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k)
-        for (int count = 1; count <= MOST_RANKS; ++count) {
-            member members[MOST_RANKS];
+        for (int count = 1; count <= MAX_RANKS; ++count) {
+            member members[MAX_RANKS];
             for (int r = 0; r < count; ++r)
                 members[r] = (member){.group = cases[k][0], .total = cases[k][1]};
             ranks_run(count, members, sizeof *members, run_rank);

@@ -21,7 +21,7 @@
 #include "cluster/shards.h"
 #include "train/shard_routes.h"
 
-enum { ROWS = 400, MOST_RANKS = 70 };
+enum { ROWS = 400, MAX_RANKS = 70 };
 
 // ---- Owners and messages ----
 
@@ -61,7 +61,7 @@ static void lists_hold_the_rows_of_each_rank(void **state)
     enum { MANY = 9000 };
     uint64_t *found = calloc(2 * MANY, sizeof *found);
     sgsi_send_lists lists = {0};
-    for (int ranks = 1; ranks <= MOST_RANKS; ranks += 23) {
+    for (int ranks = 1; ranks <= MAX_RANKS; ranks += 23) {
         const size_t words = ((size_t)ranks + 63) / 64;
         for (size_t i = 0; i < MANY; ++i)
             for (size_t w = 0; w < words; ++w) {

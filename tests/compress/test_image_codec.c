@@ -21,9 +21,9 @@
 #include "support/files_support.h"
 #include "sparegs/image.h"
 
-enum { CODECS = 3, SIDE_MOST = 37, VALUES_MOST = SIDE_MOST * SIDE_MOST * 3 };
+enum { CODECS = 3, MAX_SIDE = 37, MAX_VALUES = MAX_SIDE * MAX_SIDE * 3 };
 
-static const int sizes[][2] = {{1, 1}, {SIDE_MOST, SIDE_MOST}, {1, 17}, {33, 16}, {16, 15}};
+static const int sizes[][2] = {{1, 1}, {MAX_SIDE, MAX_SIDE}, {1, 17}, {33, 16}, {16, 15}};
 enum { SIZES = sizeof sizes / sizeof *sizes };
 
 // content 0: zeros; 1: smooth; 2: noise.
@@ -43,7 +43,7 @@ static void fill(const sgsi_image16 *image, int content)
 typedef struct encoded_image {
     sgs_image_codec codec;
     sgsi_image16 image;
-    uint16_t pixels[VALUES_MOST];
+    uint16_t pixels[MAX_VALUES];
     uint8_t *bytes;
     size_t size;
 } encoded_image;
@@ -207,7 +207,7 @@ static void check_with_openexr(const encoded_image *made, const char *path)
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers"
     exr_decode_pipeline_t decoder = EXR_DECODE_PIPELINE_INITIALIZER;
 #pragma GCC diagnostic pop
-    static uint32_t lines[3][16 * SIDE_MOST];
+    static uint32_t lines[3][16 * MAX_SIDE];
     const char *const names = made->image.channels == 1 ? "Y" : "RGB";
     const size_t width = (size_t)made->image.width, channels = (size_t)made->image.channels;
     for (int y = 0; y < made->image.height; y += 16) {
@@ -390,16 +390,16 @@ static void other_exr_files_are_rejected(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    static const float floats[SIDE_MOST * SIDE_MOST];
-    static const uint32_t uints[SIDE_MOST * SIDE_MOST];
+    static const float floats[MAX_SIDE * MAX_SIDE];
+    static const uint32_t uints[MAX_SIDE * MAX_SIDE];
     encoded_image *made = encode(SGS_IMAGE_CODEC_EXR, 1, 1, true, 0);
     for (int k = 0; k < 5; ++k) {
         const sgs_exr_channel channel = {.name = "Y",
                                          .uints = k < 3 ? uints : NULL,
                                          .floats = k < 3 ? NULL : floats,
                                          .half = k == 4};
-        const sgs_exr_info info = {.width = SIDE_MOST,
-                                   .height = SIDE_MOST,
+        const sgs_exr_info info = {.width = MAX_SIDE,
+                                   .height = MAX_SIDE,
                                    .compression = k == 1   ? SGS_EXR_ZIPS
                                                   : k == 2 ? SGS_EXR_NONE
                                                            : SGS_EXR_ZIP};

@@ -19,7 +19,7 @@
 #include "model/knn.h"
 #include "sparegs/runtime.h"
 
-enum { MOST = 20000 };
+enum { MAX_CLOUD = 20000 };
 
 static void brute_force(const float *points, size_t n, size_t i, double best[3])
 {
@@ -138,8 +138,8 @@ static float *make_cloud(coordinate_fn fn, size_t n)
 static void knn_equals_brute_force(void **state)
 {
     (void)state;
-    static const size_t sizes[] = {1,  2,  3,  4,  5,   7,    8,    9,   16,
-                                   17, 63, 64, 65, 129, 1000, 1025, MOST};
+    static const size_t sizes[] = {1,  2,  3,  4,  5,   7,    8,    9,        16,
+                                   17, 63, 64, 65, 129, 1000, 1025, MAX_CLOUD};
     for (size_t c = 0; c < sizeof clouds / sizeof *clouds; ++c) {
         for (size_t s = 0; s < sizeof sizes / sizeof *sizes; ++s) {
             float *points = make_cloud(clouds[c], sizes[s]);
@@ -158,14 +158,14 @@ static void knn_of_nothing_is_fine(void **state)
 static void knn_is_the_same_for_every_thread_count(void **state)
 {
     (void)state;
-    static double expected[3 * MOST], got[3 * MOST];
-    float *points = make_cloud(clusters, MOST);
+    static double expected[3 * MAX_CLOUD], got[3 * MAX_CLOUD];
+    float *points = make_cloud(clusters, MAX_CLOUD);
     const int before = sgs_threads_get();
     sgs_threads_set(1);
-    assert_int_equal(sgsi_knn(points, MOST, expected), SGS_STATUS_OK);
+    assert_int_equal(sgsi_knn(points, MAX_CLOUD, expected), SGS_STATUS_OK);
     for (int threads = 2; threads <= 5; ++threads) {
         sgs_threads_set(threads);
-        assert_int_equal(sgsi_knn(points, MOST, got), SGS_STATUS_OK);
+        assert_int_equal(sgsi_knn(points, MAX_CLOUD, got), SGS_STATUS_OK);
         assert_memory_equal(got, expected, sizeof expected);
     }
     sgs_threads_set(before);
@@ -223,11 +223,11 @@ static void check_neighbours(const float *points, size_t n, size_t i, const uint
 static void many_neighbours_equal_sorting(void **state)
 {
     (void)state;
-    enum { MOST_POINTS = 3000, MOST_NEIGHBOURS = 256 };
-    static double all[MOST_POINTS];
-    static uint32_t neighbours[MOST_POINTS * MOST_NEIGHBOURS], again[MOST_POINTS * MOST_NEIGHBOURS];
+    enum { MAX_POINTS = 3000, MAX_NEIGHBOURS = 256 };
+    static double all[MAX_POINTS];
+    static uint32_t neighbours[MAX_POINTS * MAX_NEIGHBOURS], again[MAX_POINTS * MAX_NEIGHBOURS];
     static const size_t counts[][2] = {
-        {2, 1}, {130, 128}, {129, 128}, {3000, 128}, {MOST_POINTS, MOST_NEIGHBOURS}, {700, 5}};
+        {2, 1}, {130, 128}, {129, 128}, {3000, 128}, {MAX_POINTS, MAX_NEIGHBOURS}, {700, 5}};
     for (size_t c = 0; c < sizeof clouds / sizeof *clouds; ++c)
         for (size_t s = 0; s < sizeof counts / sizeof *counts; ++s) {
             const size_t n = counts[s][0], k = counts[s][1];

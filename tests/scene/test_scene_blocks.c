@@ -219,7 +219,7 @@ static void a_quarter_of_the_lines_of_sight_pass_the_grown_cell(void **state)
 // cameras stand in a line and look along z.
 static sgs_scene many_points(void)
 {
-    const size_t count = 2 * SGS_BLOCKS_SIGHTS + 1;
+    const size_t count = 2 * SGS_BLOCKS_MAX_SIGHT_LINES + 1;
     sgs_scene many = *scene;
     many.point_count = count;
     many.points = malloc(3 * count * sizeof *many.points);

@@ -395,12 +395,12 @@ static void compressed_lanes_keep_their_order_and_narrow_ones_their_value(void *
 static void ranks_count_what_stands_before(void **state)
 {
     (void)state;
-    enum { MOST = 400 };
+    enum { MAX_COUNT = 400 };
     static const uint64_t spans[3] = {0x8000, 9, 30};
-    int16_t keys[MOST + 32] __attribute__((aligned(64)));
-    uint16_t ranks[MOST + 32] __attribute__((aligned(64)));
-    for (uint32_t count = 0; count <= MOST; count += count < 70 ? 1 : 13) {
-        for (uint32_t i = 0; i < MOST; ++i)
+    int16_t keys[MAX_COUNT + 32] __attribute__((aligned(64)));
+    uint16_t ranks[MAX_COUNT + 32] __attribute__((aligned(64)));
+    for (uint32_t count = 0; count <= MAX_COUNT; count += count < 70 ? 1 : 13) {
+        for (uint32_t i = 0; i < MAX_COUNT; ++i)
             keys[i] =
                 (int16_t)(sgsi_random_bits(count, i) % spans[count % 3] + (count % 3 == 2 ? i : 0));
         for (int k = 0; k < probe_count; ++k) {

@@ -24,13 +24,13 @@ static void pruning_rests_after_a_reset_for_one_interval(void **state)
     assert_true(spare_pruning_rests(100, 0, 100));
 }
 
-enum { VIEWS = 5, MOST_VIEWS = 200 };
+enum { VIEWS = 5, MAX_VIEWS = 200 };
 
 static const spare_tolerance defaults = {.loss = 0.008, .count = 0.01, .patience = 2};
 
 typedef struct run {
     spare_equilibrium state;
-    spare_view_fit fits[2 * MOST_VIEWS];
+    spare_view_fit fits[2 * MAX_VIEWS];
     long iteration;
 } run;
 
@@ -166,8 +166,8 @@ static long simulate(uint64_t seed, int views, int length, int checks, double fa
     run *r = begin();
     r->state.previous_count = 1000; // as at the end of densification
     uint64_t counter = 0;
-    double levels[MOST_VIEWS] = {0.0};
-    int order[MOST_VIEWS] = {0};
+    double levels[MAX_VIEWS] = {0.0};
+    int order[MAX_VIEWS] = {0};
     for (int v = 0; v < views; ++v) {
         levels[v] = 0.2 * normal(seed, &counter);
         order[v] = v;

@@ -9,7 +9,7 @@
 
 #include "cluster/rank_calls.h"
 
-enum { RANKS_MOST = 8 };
+enum { RANKS_MAX = 8 };
 
 typedef struct ranks_thread {
     sgsi_transport transport;
@@ -32,10 +32,10 @@ static inline void *ranks_thread_run(void *context)
 static inline void ranks_run(int count, void *members, size_t size,
                              void (*run)(void *member, sgs_ranks *ranks))
 {
-    sgsi_transport transports[RANKS_MOST];
-    ranks_thread all[RANKS_MOST];
-    pthread_t threads[RANKS_MOST];
-    assert_in_range(count, 1, RANKS_MOST);
+    sgsi_transport transports[RANKS_MAX];
+    ranks_thread all[RANKS_MAX];
+    pthread_t threads[RANKS_MAX];
+    assert_in_range(count, 1, RANKS_MAX);
     assert_true(sgsi_ranks_threads(count, transports));
     for (int r = 0; r < count; ++r) {
         all[r] = (ranks_thread){transports[r], run, (char *)members + (size_t)r * size};

@@ -234,10 +234,10 @@ static inline void traced_aim(traced_view *traced, const sgs_camera *camera, con
 // A 3D filter for any test model, about as large as the primitives.
 static inline const float *traced_filter_3d(size_t count)
 {
-    enum { MOST = 1 << 16 };
-    static _Alignas(64) float values[MOST];
-    assert_true(count <= MOST);
-    for (size_t i = 0; i < MOST && values[MOST - 1] == 0; ++i)
+    enum { MAX_VALUES = 1 << 16 };
+    static _Alignas(64) float values[MAX_VALUES];
+    assert_true(count <= MAX_VALUES);
+    for (size_t i = 0; i < MAX_VALUES && values[MAX_VALUES - 1] == 0; ++i)
         values[i] = (float)(0.001 + 0.1 * sgsi_random_uniform(77, i));
     return values;
 }

@@ -21,7 +21,7 @@
 #include "sparegs/trainer.h"
 #include "train/trainer_state.h"
 
-enum { WIDTH = 48, HEIGHT = 32, VIEWS = 3, MOST = 5000 };
+enum { WIDTH = 48, HEIGHT = 32, VIEWS = 3, MAX_ALLOCATIONS = 5000 };
 
 static temp_folder folder;
 static sgs_scene *scene;
@@ -90,7 +90,7 @@ static sgs_status create_trainer(void)
 static void fail_each(const char *what, sgs_status (*work)(void), int advisory, void (*undo)(void))
 {
     for (size_t n = 1;; ++n) {
-        assert_true(n < MOST);
+        assert_true(n < MAX_ALLOCATIONS);
         const size_t before = sgsi_allocation_count();
         sgsi_fail_allocation(n);
         const sgs_status status = work();

@@ -22,7 +22,7 @@
 #include "support/files_support.h"
 #include "support/ranks_support.h"
 
-enum { MOST_RANKS = 4, ROWS = 3000, WIDTH = 150, HEIGHT = 90 };
+enum { MAX_RANKS = 4, ROWS = 3000, WIDTH = 150, HEIGHT = 90 };
 
 static temp_folder folder;
 static sgs_scene *scene;
@@ -164,7 +164,7 @@ static member plan_of(const char *path, sgs_filter filter)
 static void compare(sgs_renderer *renderer, const member *plan, int count)
 {
     const size_t bytes = (size_t)WIDTH * HEIGHT * sizeof(float);
-    member all[MOST_RANKS];
+    member all[MAX_RANKS];
     draw(plan, count, all);
     for (int v = 0; v < VIEWS; ++v) {
         const sgs_view *view = &scene->views[v];
@@ -208,7 +208,7 @@ static void images_have_the_bits_of_one_process(void **state)
 
 static void expect_failure(const member *plan, sgs_status status, const char *text)
 {
-    member all[MOST_RANKS];
+    member all[MAX_RANKS];
     draw(plan, 3, all);
     for (int r = 0; r < 3; ++r) {
         assert_int_equal(all[r].status, status);

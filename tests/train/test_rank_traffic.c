@@ -21,7 +21,7 @@
 #include "train/trainer_state.h"
 #include "train/view_ranks.h"
 
-enum { ITERATIONS = 90, MOST_RANKS = 4 };
+enum { ITERATIONS = 90, MAX_RANKS = 4 };
 
 typedef struct counts {
     sgs_ranks_traffic sent[SGS_RANKS_PURPOSE_COUNT];
@@ -143,7 +143,7 @@ static bool compare(const sgsi_rank_traffic *expected, const counts *actual, int
 
 static void check(int ranks, bool exposure)
 {
-    training *all = calloc(MOST_RANKS, sizeof *all);
+    training *all = calloc(MAX_RANKS, sizeof *all);
     sgs_train_options options = sgs_train_options_default();
     options.iterations = 150;
     options.exposure = exposure;
@@ -157,7 +157,7 @@ static void check(int ranks, bool exposure)
     int same_headers = 0, structural = 0;
     uint64_t bytes = 0;
     for (int i = 0; i < ITERATIONS; ++i) {
-        sgsi_rank_traffic traffic[MOST_RANKS];
+        sgsi_rank_traffic traffic[MAX_RANKS];
         predict_step(&s, ranks, traffic);
         structural += all[0].structural[i];
         for (int r = 0; r < ranks; ++r) {

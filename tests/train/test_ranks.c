@@ -24,7 +24,7 @@
 #include "support/ranks_support.h"
 #include "train/trainer_state.h"
 
-enum { ITERATIONS = 150, MOST_RANKS = 4 };
+enum { ITERATIONS = 150, MAX_RANKS = 4 };
 
 static sgs_scene *scene, *hdr_scene;
 static char folder[64];
@@ -180,7 +180,7 @@ static void run_rank(void *context, sgs_ranks *ranks)
 // Trains on `count` ranks, 0 = a plain training. out [count].
 static void train(const training *plan, int count, result *out)
 {
-    training all[MOST_RANKS];
+    training all[MAX_RANKS];
     const int members = count ? count : 1;
     for (int r = 0; r < members; ++r)
         all[r] = *plan;
@@ -225,7 +225,7 @@ static void assert_same(const result *expected, const result *actual, int count,
 
 static void compare(training *plan, int least, int most, const char *what)
 {
-    result expected, actual[MOST_RANKS];
+    result expected, actual[MAX_RANKS];
     train(plan, 0, &expected);
     assert_int_equal(expected.status, SGS_STATUS_OK);
     assert_true(expected.updates > 1);
@@ -253,7 +253,7 @@ static void one_to_four_ranks_give_the_same_bits(void **state)
     (void)state;
     training plan = plan_of(SGS_PIPELINE_3DGS);
     plan.options.exposure = true;
-    compare(&plan, 1, MOST_RANKS, "3dgs with exposure");
+    compare(&plan, 1, MAX_RANKS, "3dgs with exposure");
 }
 
 static void masks_and_hdr_give_the_same_bits(void **state)
@@ -277,7 +277,7 @@ static void cuts_by_cost_give_the_same_bits(void **state)
 {
     (void)state;
     training plan = plan_of(SGS_PIPELINE_FASTGS);
-    result expected, actual[MOST_RANKS];
+    result expected, actual[MAX_RANKS];
     train(&plan, 0, &expected);
     train(&plan, 3, actual);
     assert_same(&expected, actual, 3, "fastgs, by cost");
@@ -289,7 +289,7 @@ static void another_number_of_ranks_resumes(void **state)
     (void)state;
     for (int exposure = 0; exposure < 2; ++exposure) {
         training plan = plan_of(exposure ? SGS_PIPELINE_TAMING : SGS_PIPELINE_MCMC);
-        result expected, actual[MOST_RANKS];
+        result expected, actual[MAX_RANKS];
         plan.options.exposure = exposure;
         train(&plan, 0, &expected);
         static const int ranks[] = {3, 2, 0}, ends[] = {61, 110, ITERATIONS};
@@ -326,7 +326,7 @@ static void model_files_have_the_bytes_of_one_process(void **state)
     (void)state;
     for (int mip = 0; mip < 2; ++mip) {
         training plan = plan_of(SGS_PIPELINE_TAMING);
-        result ignored[MOST_RANKS];
+        result ignored[MAX_RANKS];
         char files[2][96];
         plan.options.filter = mip ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
         if (!mip)
@@ -347,7 +347,7 @@ static void model_files_have_the_bytes_of_one_process(void **state)
 // one message. Returns the number of failures, 0 or 1.
 static int fail_at(training *plan, int iteration, size_t n)
 {
-    result actual[MOST_RANKS];
+    result actual[MAX_RANKS];
     plan->failing = 1;
     plan->failing_at = iteration;
     plan->failing_allocation = n;
@@ -395,7 +395,7 @@ static void a_failed_update_is_not_refused(void **state)
 static void one_rank_may_have_a_memory_limit(void **state)
 {
     (void)state;
-    result actual[MOST_RANKS], unlimited;
+    result actual[MAX_RANKS], unlimited;
     training plan = plan_of(SGS_PIPELINE_MCMC);
     plan.options.iterations = 90;
     plan.options.pipeline_options.mcmc_growth = 1.0;
@@ -424,7 +424,7 @@ static void one_rank_may_have_a_memory_limit(void **state)
 static void other_plans_of_a_rank_stop_all(void **state)
 {
     (void)state;
-    result actual[MOST_RANKS];
+    result actual[MAX_RANKS];
     training plan = plan_of(SGS_PIPELINE_3DGS);
     plan.odd = 1;
     train(&plan, 3, actual);

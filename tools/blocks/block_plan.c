@@ -89,7 +89,7 @@ bool block_plan_read(const char *path, block_plan *plan)
     const json_t *list = json_object_get(plan->root, "blocks");
     const char *scene = json_string_value(json_object_get(plan->root, "scene_hash"));
     const size_t count = json_array_size(list);
-    bool valid = scene && strlen(scene) == 16 && count > 1 && count <= SGS_BLOCKS_MOST &&
+    bool valid = scene && strlen(scene) == 16 && count > 1 && count <= SGS_BLOCKS_MAX &&
                  json_integer_value(json_object_get(plan->root, "schema")) == 1;
     plan->boxes = valid ? calloc(count, sizeof *plan->boxes) : NULL;
     for (size_t b = 0; b < count && plan->boxes && valid; ++b)

@@ -17,7 +17,7 @@
 #include "cli/progress.h"
 #include "cli/value_order.h"
 
-enum { FRAME, POSITION, ANGLES = 4, FIELD_OF_VIEW = 7, COLUMNS = 8, MOST = 1000000 };
+enum { FRAME, POSITION, ANGLES = 4, FIELD_OF_VIEW = 7, COLUMNS = 8, MAX_FRAME = 1000000 };
 
 bool chan_file_is(const char *path)
 {
@@ -69,7 +69,8 @@ static const char *read_camera(const char *line, int width, int height, named_ca
         return "has no field of view; export it with the camera";
     if (count != COLUMNS)
         return "must be eight numbers: frame, translation, rotation and vertical field of view";
-    if (!(columns[FRAME] >= 0 && columns[FRAME] <= MOST) || columns[FRAME] != floor(columns[FRAME]))
+    if (!(columns[FRAME] >= 0 && columns[FRAME] <= MAX_FRAME) ||
+        columns[FRAME] != floor(columns[FRAME]))
         return "must begin with a frame number from 0 to 1000000";
     if (!(columns[FIELD_OF_VIEW] > 0 && columns[FIELD_OF_VIEW] < 179))
         return "must end with a field of view between 0 and 179 degrees";

@@ -28,15 +28,15 @@ static bool parse_number(const char **at, int low, int high, int *value)
 
 bool frame_range_parse(const char *text, frame_range *range)
 {
-    enum { MOST = 1000000 };
+    enum { MAX_FRAME = 1000000 };
     const char *at = text;
     *range = (frame_range){.step = 1};
-    if (!parse_number(&at, 0, MOST, &range->first))
+    if (!parse_number(&at, 0, MAX_FRAME, &range->first))
         return false;
     range->last = range->first;
-    if (*at == '-' && (++at, !parse_number(&at, range->first, MOST, &range->last)))
+    if (*at == '-' && (++at, !parse_number(&at, range->first, MAX_FRAME, &range->last)))
         return false;
-    if (*at == ':' && (++at, !parse_number(&at, 1, MOST, &range->step)))
+    if (*at == ':' && (++at, !parse_number(&at, 1, MAX_FRAME, &range->step)))
         return false;
     return !*at;
 }

@@ -21,7 +21,7 @@
 #include "cli/resolved_path.h"
 #include "cli/run_files.h"
 
-enum { HELP_INDENT = 30, HELP_WIDTH = 100, NEEDS_MOST = 200 };
+enum { HELP_INDENT = 30, HELP_WIDTH = 100, MAX_NEEDS = 200 };
 
 void key_to_name(char *text)
 {
@@ -222,15 +222,15 @@ static bool has_word(const option *row, const void *values, const char *word)
 // One condition of option.needs: "name" or "name=word". Appends it to `text` as it is written on a
 // command line.
 static bool condition_met(const command_line *line, const char *condition, size_t length,
-                          char text[NEEDS_MOST])
+                          char text[MAX_NEEDS])
 {
-    char name[NEEDS_MOST];
+    char name[MAX_NEEDS];
     snprintf(name, sizeof name, "%.*s", (int)length, condition);
     char *word = strchr(name, '=');
     if (word)
         *word++ = 0;
     const size_t used = strlen(text);
-    if (snprintf(text + used, NEEDS_MOST - used, "%s--%s%s%s", used ? " or " : "", name,
+    if (snprintf(text + used, MAX_NEEDS - used, "%s--%s%s%s", used ? " or " : "", name,
                  word ? " " : "", word ? word : "") < 0)
         text[used] = 0;
     option_group *group = NULL;
@@ -239,7 +239,7 @@ static bool condition_met(const command_line *line, const char *condition, size_
 }
 
 // The first part of option.needs that is not met goes to `text`.
-static bool needs_met(const command_line *line, const char *needs, char text[NEEDS_MOST])
+static bool needs_met(const command_line *line, const char *needs, char text[MAX_NEEDS])
 {
     for (const char *part = needs; *part;) {
         const size_t length = strcspn(part, "&");
@@ -256,7 +256,7 @@ static bool needs_met(const command_line *line, const char *needs, char text[NEE
 
 int command_line_check_needs(command_line *line)
 {
-    char text[NEEDS_MOST];
+    char text[MAX_NEEDS];
     line->idle = NULL;
     for (size_t g = 0; g < line->group_count; ++g)
         for (size_t i = 0; i < line->groups[g].count; ++i) {
@@ -395,11 +395,11 @@ static const char *output_of(const option_group *group, size_t i)
 
 const char *option_next_output(const command_line *line, size_t *at)
 {
-    enum { MOST = 64 }; // options of a group
+    enum { MAX_OPTIONS = 64 }; // options of a group
     const char *path = NULL;
-    for (; !path && *at < line->group_count * MOST; ++*at) {
-        const option_group *group = &line->groups[*at / MOST];
-        const size_t i = *at % MOST;
+    for (; !path && *at < line->group_count * MAX_OPTIONS; ++*at) {
+        const option_group *group = &line->groups[*at / MAX_OPTIONS];
+        const size_t i = *at % MAX_OPTIONS;
         if (i < group->count &&
             (group->options[i].path == PATH_OUTPUT || !strcmp(group->options[i].name, "output")))
             path = path_of(group, i);

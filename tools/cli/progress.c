@@ -25,7 +25,7 @@
 #include "sparegs/status.h"
 #include "sparegs/option_descriptors.h"
 
-enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, BAR_LEAST = 5, LINE_EVERY = 100 };
+enum { WARNINGS_KEPT = 100, BAR_WIDTH = 20, MIN_BAR = 5, LINE_EVERY = 100 };
 
 static struct {
     pthread_mutex_t lock;
@@ -269,7 +269,7 @@ static void bar_text(const progress_state *state, int width, char text[BAR_WIDTH
 {
     const int columns = width < BAR_WIDTH ? width : BAR_WIDTH;
     *text = 0;
-    if (columns < BAR_LEAST)
+    if (columns < MIN_BAR)
         return;
     const int full = (int)((double)columns * state->iteration / state->total);
     for (int i = 0; i < columns; ++i)

@@ -15,7 +15,7 @@
 #include "sparegs/option_descriptors.h"
 #include "sparegs/runtime.h"
 
-enum { ROWS_MOST = 64, TEXT_MOST = 160 };
+enum { MAX_ROWS = 64, MAX_TEXT = 160 };
 
 // Help of --resume: the options of the library that may change.
 static char resume_help[640];
@@ -124,9 +124,9 @@ static const struct {
 
 // The rows of the library's options, made once, and what their texts point to.
 static struct {
-    option rows[ROWS_MOST];
-    char names[ROWS_MOST][32], words[ROWS_MOST][TEXT_MOST], defaults[ROWS_MOST][TEXT_MOST];
-    char conditions[ROWS_MOST][TEXT_MOST];
+    option rows[MAX_ROWS];
+    char names[MAX_ROWS][32], words[MAX_ROWS][MAX_TEXT], defaults[MAX_ROWS][MAX_TEXT];
+    char conditions[MAX_ROWS][MAX_TEXT];
     size_t count;
 } table;
 
@@ -148,13 +148,13 @@ static option_kind kind_of(sgs_option_type type)
 }
 
 // Appends "name=word|name=word" for the words of `bits`, after '&' if there is text before.
-static void add_condition(char text[TEXT_MOST], const char *name, unsigned bits)
+static void add_condition(char text[MAX_TEXT], const char *name, unsigned bits)
 {
     const char *words = sgs_train_option_find(name)->values, *joint = *text ? "&" : "";
     for (const char *at = words; *at; ++at) {
         const size_t length = strcspn(at, "|,"), used = strlen(text);
         if (bits & 1) {
-            snprintf(text + used, TEXT_MOST - used, "%s%s=%.*s", joint, name, (int)length, at);
+            snprintf(text + used, MAX_TEXT - used, "%s%s=%.*s", joint, name, (int)length, at);
             joint = "|";
         }
         bits >>= 1;
@@ -165,7 +165,7 @@ static void add_condition(char text[TEXT_MOST], const char *name, unsigned bits)
 }
 
 // option.needs of a row: the pipelines and the parts of SPARE-GS that read it.
-static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MOST])
+static const char *conditions_of(const sgs_train_option *from, char text[MAX_TEXT])
 {
     const unsigned all = (1U << SGS_PIPELINE_COUNT) - 1;
     *text = 0;
@@ -174,14 +174,14 @@ static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MO
     if (from->spare)
         add_condition(text, "spare", from->spare);
     if (!strcmp(from->name, "alpha_loss"))
-        snprintf(text, TEXT_MOST, "alpha=over|opaque");
+        snprintf(text, MAX_TEXT, "alpha=over|opaque");
     if (from->type == SGS_OPTION_BOX)
-        snprintf(text, TEXT_MOST, "init");
+        snprintf(text, MAX_TEXT, "init");
     return *text ? text : NULL;
 }
 
 // The library's text "-1 = automatic: 0.2, ..." of a default: the option has the word auto.
-static void set_automatic(const sgs_train_option *from, option *row, char text[TEXT_MOST])
+static void set_automatic(const sgs_train_option *from, option *row, char text[MAX_TEXT])
 {
     static const char mark[] = " = automatic: ";
     const char *at = from->initial_text ? strstr(from->initial_text, mark) : NULL;
@@ -190,7 +190,7 @@ static void set_automatic(const sgs_train_option *from, option *row, char text[T
     row->has_auto = true;
     row->automatic = from->initial;
     row->low = row->low < 0 ? 0 : row->low;
-    snprintf(text, TEXT_MOST, "auto: %s", at + sizeof mark - 1);
+    snprintf(text, MAX_TEXT, "auto: %s", at + sizeof mark - 1);
     row->shown = text;
 }
 
@@ -220,11 +220,11 @@ static void add_row(const sgs_train_option *from, const sgs_train_options *initi
         row->path = PATH_BLOCK;
     }
     if (from->type == SGS_OPTION_SET && !(from->low > 0)) {
-        snprintf(table.words[k], TEXT_MOST, "on|off|%s", from->values);
+        snprintf(table.words[k], MAX_TEXT, "on|off|%s", from->values);
         row->argument = table.words[k];
     }
     if (!row->shown && from->type != SGS_OPTION_BOOL) {
-        sgs_train_option_text(from, initial, table.defaults[k], TEXT_MOST);
+        sgs_train_option_text(from, initial, table.defaults[k], MAX_TEXT);
         row->shown = table.defaults[k];
     }
     set_automatic(from, row, table.defaults[k]);
@@ -264,7 +264,7 @@ void train_groups(train_values *values, option_group groups[TRAIN_GROUP_COUNT])
                                  .options = output_options,
                                  .count = sizeof output_options / sizeof *output_options,
                                  .values = values};
-    for (size_t i = 0; i < count && table.count < ROWS_MOST; ++i) {
+    for (size_t i = 0; i < count && table.count < MAX_ROWS; ++i) {
         if (!strcmp(rows[i].group, "Common")) // see common_group
             continue;
         if (strcmp(groups[g - 1].title, rows[i].group) && g < TRAIN_GROUP_COUNT)

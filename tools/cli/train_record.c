@@ -18,7 +18,7 @@
 #include "sparegs/option_descriptors.h"
 #include "sparegs/runtime.h"
 
-enum { TEXT_MOST = 96 };
+enum { MAX_TEXT = 96 };
 
 // The name of an option from its key. Release with free().
 static char *name_of(const char *key)
@@ -75,7 +75,7 @@ static json_t *value_json(const sgs_train_option *row, const train_values *value
 {
     const sgs_train_options *options = &values->options;
     const void *field = (const char *)options + row->offset;
-    char text[TEXT_MOST];
+    char text[MAX_TEXT];
     switch (row->type) {
     case SGS_OPTION_BOOL:
         return json_boolean(*(const bool *)field);
@@ -130,7 +130,7 @@ static json_t *shaping_options(const train_values *values, const scene_values *s
 static json_t *precise_options(const train_values *values, const scene_values *scene)
 {
     json_t *precise = json_object();
-    char text[TEXT_MOST], stored[TEXT_MOST];
+    char text[MAX_TEXT], stored[MAX_TEXT];
     size_t count;
     const sgs_train_option *rows = sgs_train_option_descriptors(&count);
     for (size_t i = 0; i < count; ++i) {

@@ -27,7 +27,7 @@ static const char description[] =
     "of one curve in a table of several, such as post.csv of an experiment. The curves are "
     "interpolated by monotone cubics (PCHIP) over ln(size).";
 
-enum { COLUMNS = 2, MOST_POINTS = 100000, MOST_CONDITIONS = 16 };
+enum { COLUMNS = 2, MAX_POINTS = 100000, MAX_CONDITIONS = 16 };
 
 typedef struct bd_values {
     const char *select, *select_test;
@@ -52,7 +52,7 @@ static const option bd_options[] = {
 typedef struct selection {
     const char *text; // as given, or NULL: all rows
     char *names;      // a copy, with '\0' after each name and value
-    const char *columns[MOST_CONDITIONS], *values[MOST_CONDITIONS];
+    const char *columns[MAX_CONDITIONS], *values[MAX_CONDITIONS];
     int count;
 } selection;
 
@@ -119,10 +119,10 @@ static int selection_parse(const char *option_name, const char *text, selection 
         char *next = strchr(at, ','), *equal = strchr(at, '=');
         if (next)
             *next++ = '\0';
-        if (!equal || equal == at || (next && equal >= next) || rows->count == MOST_CONDITIONS)
+        if (!equal || equal == at || (next && equal >= next) || rows->count == MAX_CONDITIONS)
             return fail_usage("--%s: '%s' is not COLUMN=VALUE[,COLUMN=VALUE...] with at most %d "
                               "columns",
-                              option_name, text, MOST_CONDITIONS);
+                              option_name, text, MAX_CONDITIONS);
         *equal = '\0';
         rows->columns[rows->count] = at;
         rows->values[rows->count++] = equal + 1;
@@ -133,7 +133,7 @@ static int selection_parse(const char *option_name, const char *text, selection 
 
 // The columns of a table: of size and PSNR, and of the conditions.
 typedef struct table_columns {
-    int values[COLUMNS], conditions[MOST_CONDITIONS];
+    int values[COLUMNS], conditions[MAX_CONDITIONS];
     const char *size_name;
 } table_columns;
 
@@ -200,8 +200,8 @@ static bool curve_add(const char *path, size_t row, const char *line, const tabl
                  point.size);
         return false;
     }
-    if (read->count == MOST_POINTS) {
-        fail_run("%s: more than %d rows", path, MOST_POINTS);
+    if (read->count == MAX_POINTS) {
+        fail_run("%s: more than %d rows", path, MAX_POINTS);
         return false;
     }
     sgs_rd_point *grown = realloc(read->points, (read->count + 1) * sizeof *grown);
@@ -219,15 +219,15 @@ static bool is_blank(const char *line)
     return !line[strspn(line, " \t\r\n")];
 }
 
-enum { LINE_MOST = 1 << 16 };
+enum { MAX_LINE = 1 << 16 };
 
 // The next line, with its end. False at the end of the file, or with *valid false after printing
 // the error.
-static bool read_line(const char *path, FILE *stream, size_t row, char line[LINE_MOST], bool *valid)
+static bool read_line(const char *path, FILE *stream, size_t row, char line[MAX_LINE], bool *valid)
 {
     size_t length = 0;
     int c = 0;
-    while (length < LINE_MOST - 1 && c != '\n' && (c = getc(stream)) > 0)
+    while (length < MAX_LINE - 1 && c != '\n' && (c = getc(stream)) > 0)
         line[length++] = (char)c;
     line[length] = '\0';
     *valid = false;
@@ -235,8 +235,8 @@ static bool read_line(const char *path, FILE *stream, size_t row, char line[LINE
         fail_run("%s: line %zu: contains a NUL byte; a text file is required", path, row);
     else if (c == EOF && ferror(stream))
         fail_run("%s: %s", path, strerror(errno));
-    else if (length == LINE_MOST - 1 && c != '\n')
-        fail_run("%s: line %zu: is longer than %d bytes", path, row, LINE_MOST - 2);
+    else if (length == MAX_LINE - 1 && c != '\n')
+        fail_run("%s: line %zu: is longer than %d bytes", path, row, MAX_LINE - 2);
     else
         *valid = true;
     return *valid && length;
@@ -247,7 +247,7 @@ static bool read_line(const char *path, FILE *stream, size_t row, char line[LINE
 static bool read_rows(const char *path, FILE *stream, const selection *rows, curve *read)
 {
     table_columns columns = {0};
-    char line[LINE_MOST];
+    char line[MAX_LINE];
     size_t row = 0;
     bool valid = true, header = true;
     while (valid && read_line(path, stream, ++row, line, &valid)) {

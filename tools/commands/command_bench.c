@@ -119,11 +119,11 @@ typedef struct bench_input {
     drawing_values drawing;
 } bench_input;
 
-enum { OPERANDS_MOST = 8 };
+enum { MAX_OPERANDS = 8 };
 
 typedef struct bench_run {
     const bench_values *values;
-    bench_input inputs[OPERANDS_MOST / 2]; // opened before the first measurement
+    bench_input inputs[MAX_OPERANDS / 2]; // opened before the first measurement
     size_t input_count;
     bench_setting settings[64 * SGS_ISA_COUNT];
     size_t setting_count;
@@ -410,8 +410,7 @@ static int run_bench(const bench_values *values, const command_line *line, scene
 {
     bench_run run = {.values = values};
     bool done = open_inputs(&run, line, data) && make_settings(&run, option_given(line, "isa"));
-    run.report.results =
-        calloc((run.setting_count + 1) * OPERANDS_MOST, sizeof *run.report.results);
+    run.report.results = calloc((run.setting_count + 1) * MAX_OPERANDS, sizeof *run.report.results);
     if (done && !run.report.results) {
         fail_run("not enough memory for the measurements");
         done = false;
@@ -475,7 +474,7 @@ int command_bench(int argc, char **argv)
                          .description = description,
                          .groups = groups,
                          .group_count = sizeof groups / sizeof *groups,
-                         .operand_maximum = OPERANDS_MOST};
+                         .operand_maximum = MAX_OPERANDS};
     int status = command_line_parse(&line, argc, argv);
     if (status < 0 && values.json && values.csv)
         status = fail_usage("--json and --csv are mutually exclusive");

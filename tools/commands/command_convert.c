@@ -38,7 +38,7 @@ static const char description[] =
     "model: its cameras are added to .usda and .html, --filter-unseen requires it, and its views "
     "rank the primitives for lod-meta.json.";
 
-enum { MOST_NUMBERS = 8, MOST_CONDITIONS = 16 };
+enum { MAX_NUMBERS = 8, MAX_CONDITIONS = 16 };
 enum { ANTIALIASED_AUTO, ANTIALIASED_ON }; // words of --antialiased
 #define NO_SLACK (-1e9)                    // below that of any region
 
@@ -240,7 +240,7 @@ static int parse_numbers(const char *text, double absent, double *values, int mo
 typedef struct convert_plan {
     const convert_values *values;
     double box[6], sphere[4], rotate[3], translate[3];
-    model_condition conditions[MOST_CONDITIONS];
+    model_condition conditions[MAX_CONDITIONS];
     int condition_count;
     sgs_floater_options floaters;
     sgs_model_format format; // of OUT
@@ -254,8 +254,8 @@ static int parse_conditions(convert_plan *plan)
         model_condition *c = &plan->conditions[plan->condition_count];
         char comparison[8];
         int length = 0;
-        if (plan->condition_count == MOST_CONDITIONS)
-            return fail_usage("--filter-value: more than %d conditions", MOST_CONDITIONS);
+        if (plan->condition_count == MAX_CONDITIONS)
+            return fail_usage("--filter-value: more than %d conditions", MAX_CONDITIONS);
         if (sscanf(at, "%31[^,],%7[^,],%lf%n", c->name, comparison, &c->value, &length) != 3 ||
             (at[length] && at[length] != ',') || isnan(c->value))
             return fail_usage("--filter-value: '%s' is not NAME,CMP,V", at);

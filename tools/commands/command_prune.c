@@ -35,7 +35,7 @@ static const char description[] =
     "require SCENE; refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, "
     "size, split, filter and background default to those of the run.";
 
-enum { MOST_RATIOS = 32 };
+enum { MAX_RATIOS = 32 };
 
 typedef struct prune_values {
     const char *output, *scores, *ratio, *features, *weights, *run;
@@ -124,8 +124,8 @@ static const char *const method_names[] = {"lightgaussian", "refine", "pup", "ra
 
 typedef struct ratio_list {
     int count;
-    double values[MOST_RATIOS];
-    char texts[MOST_RATIOS][24]; // as given, for file names
+    double values[MAX_RATIOS];
+    char texts[MAX_RATIOS][24]; // as given, for file names
 } ratio_list;
 
 typedef struct pruning {
@@ -154,8 +154,8 @@ static bool parse_ratios(const char *text, ratio_list *list)
     for (const char *at = text; at; at = strchr(at, ',') ? strchr(at, ',') + 1 : NULL) {
         const size_t length = strcspn(at, ",");
         char *end;
-        if (list->count == MOST_RATIOS) {
-            fail_usage("--ratio: more than %d ratios", MOST_RATIOS);
+        if (list->count == MAX_RATIOS) {
+            fail_usage("--ratio: more than %d ratios", MAX_RATIOS);
             return false;
         }
         char *word = list->texts[list->count];

@@ -44,7 +44,7 @@ typedef struct reconstruct_values {
     int matcher, cameras;
 } reconstruct_values;
 
-enum { EXHAUSTIVE_MOST = 150, MATCHER_AUTO = 0, MATCHER_EXHAUSTIVE = 1, MAX_DEPTH = 8 };
+enum { MAX_EXHAUSTIVE = 150, MATCHER_AUTO = 0, MATCHER_EXHAUSTIVE = 1, MAX_DEPTH = 8 };
 
 static const option reconstruct_options[] = {
     {.name = "output",
@@ -354,7 +354,7 @@ static int find_features(reconstruction *run, const char *threads)
 static bool is_exhaustive(const reconstruction *run)
 {
     const int matcher = run->values->matcher;
-    return matcher == MATCHER_AUTO ? run->count <= EXHAUSTIVE_MOST : matcher == MATCHER_EXHAUSTIVE;
+    return matcher == MATCHER_AUTO ? run->count <= MAX_EXHAUSTIVE : matcher == MATCHER_EXHAUSTIVE;
 }
 
 static int find_matches(reconstruction *run, const char *threads)

@@ -12,7 +12,7 @@
 // Options are those of `sparegs train`, with '_' or '-'. A scene's options override the plan's, a
 // variant's override both. "variants" defaults to off and on. "data_set" groups scenes in the
 // tables; all scenes have one, or none. "post" is described in experiment_post.h.
-// Seeds and pipelines are distinct, and the runs at most RUNS_MOST. Paths are relative to the
+// Seeds and pipelines are distinct, and the runs at most MAX_RUNS. Paths are relative to the
 // plan's folder, those of scenes and of options; "images" and "masks" are folders of the scene.
 
 #include "plan/experiment_plan.h"
@@ -30,7 +30,7 @@
 #include "plan/plan_values.h"
 #include "sparegs/scene.h"
 
-enum { RUNS_MOST = 10000 };
+enum { MAX_RUNS = 10000 };
 
 static const char *plan_path;
 
@@ -425,9 +425,9 @@ static bool check_members(const json_t *root)
         return false;
     }
     for (size_t k = 0; k < sizeof lists / sizeof *lists; ++k)
-        if (json_array_size(json_object_get(root, lists[k])) > RUNS_MOST) {
+        if (json_array_size(json_object_get(root, lists[k])) > MAX_RUNS) {
             fail_run("%s: \"%s\" has %zu entries; the limit is %d", plan_path, lists[k],
-                     json_array_size(json_object_get(root, lists[k])), RUNS_MOST);
+                     json_array_size(json_object_get(root, lists[k])), MAX_RUNS);
             return false;
         }
     return check_options(root, "", "") && check_pipelines("", json_object_get(root, "pipelines")) &&
@@ -505,9 +505,9 @@ static bool check_count(const json_t *root)
     for (size_t p = 0; p < json_array_size(pipelines); ++p)
         for (size_t v = 0; v < json_array_size(variants); ++v) {
             count += applies(json_array_get(variants, v), json_array_get(pipelines, p)) ? each : 0;
-            if (count <= RUNS_MOST)
+            if (count <= MAX_RUNS)
                 continue;
-            fail_run("%s: the plan has more than %d runs; divide it", plan_path, RUNS_MOST);
+            fail_run("%s: the plan has more than %d runs; divide it", plan_path, MAX_RUNS);
             return false;
         }
     return true;

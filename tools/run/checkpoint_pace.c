@@ -5,8 +5,8 @@
 
 bool checkpoint_pace_allows(const checkpoint_pace *pace)
 {
-    enum { MOST_SECONDS = 1800, MOST_INTERVALS = 10 };
+    enum { MAX_SECONDS = 1800, MAX_INTERVALS = 10 };
     const double share = 0.05;
-    return pace->spent <= share * pace->elapsed || pace->age >= MOST_SECONDS ||
-           pace->intervals >= MOST_INTERVALS;
+    return pace->spent <= share * pace->elapsed || pace->age >= MAX_SECONDS ||
+           pace->intervals >= MAX_INTERVALS;
 }

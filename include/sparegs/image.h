@@ -33,7 +33,7 @@ typedef enum sgs_space { SGS_SPACE_SRGB = 0, SGS_SPACE_LINEAR = 1 } sgs_space;
 
 // Meaning of the colours of a model, as its file records it. All zero: not recorded.
 typedef struct sgs_model_colors {
-    bool named;         // `space` is known; without it, colours are usually display-encoded
+    bool space_known;   // otherwise, colours are usually display-encoded
     sgs_space space;    // of the model's colours
     double white_point; // linear light that maps to 1 in them, > 0; 0 = unknown
 } sgs_model_colors;

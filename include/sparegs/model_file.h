@@ -72,7 +72,8 @@ typedef struct sgs_model_read_options {
     size_t struct_size;    // set by sgs_model_read_options_default
     sgs_spz_axes spz_axes; // of SPZ files that do not name their axes
     int lod;               // level of a LOD SOG; 0 is the finest, and the only one of other formats
-    bool drop_unrotated;   // drop primitives with a zero quaternion instead of using the identity
+    bool drop_zero_quaternions; // drop primitives with a zero quaternion instead of using the
+                                // identity
 } sgs_model_read_options;
 
 // Writes the defaults to a struct of `size` bytes, see status.h. Cannot fail.

@@ -55,10 +55,11 @@ enum { MARKS_BYTES = 16 };
 static void write_marks(sgsi_packer *packer, const sgs_compress_options *options)
 {
     const sgs_model_colors *colors = &options->colors;
-    const bool linear = colors->named && colors->space == SGS_SPACE_LINEAR;
+    const bool linear = colors->space_known && colors->space == SGS_SPACE_LINEAR;
     if (!options->antialiased && !linear && !(colors->white_point > 0.0))
         return;
-    uint8_t bytes[MARKS_BYTES] = {options->antialiased, colors->named, (uint8_t)colors->space};
+    uint8_t bytes[MARKS_BYTES] = {options->antialiased, colors->space_known,
+                                  (uint8_t)colors->space};
     uint64_t white;
     memcpy(&white, &colors->white_point, sizeof white);
     sgsi_store_u64(bytes + 8, white);
@@ -79,8 +80,8 @@ static sgs_status read_marks(sgsi_container *container, bool *antialiased, sgs_m
     double white;
     memcpy(&white, &bits, sizeof white);
     *antialiased = bytes[0];
-    *colors =
-        (sgs_model_colors){.named = bytes[1], .space = (sgs_space)bytes[2], .white_point = white};
+    *colors = (sgs_model_colors){
+        .space_known = bytes[1], .space = (sgs_space)bytes[2], .white_point = white};
     if (bytes[0] > 1 || bytes[1] > 1 || sgsi_colors_wrong(colors))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: section '%s' has an unknown value",
                          container->path, MARKS);

@@ -230,7 +230,7 @@ static void set_ranges(const sgsi_compress_job *job, const uint32_t *cells, sog_
         *range = (sog_range){attributes[a].low, attributes[a].high, (uint32_t)bits[a]};
         // The published limits are those of colours from 0 to 1. Linear light has highlights.
         const bool bright = channels_of(a, job->sh_degree) && (a == DC || a == REST) &&
-                            o->colors.named && o->colors.space == SGS_SPACE_LINEAR;
+                            o->colors.space_known && o->colors.space == SGS_SPACE_LINEAR;
         if (range->low != range->high && !bright)
             continue;
         range->low = INFINITY;

@@ -53,7 +53,7 @@ void sgsi_color_comment_parse(const char *key, const char *value, sgs_model_colo
 {
     if (!strcasecmp(key, "ColorSpace:")) {
         const bool linear = !strcasecmp(value, "linear");
-        colors->named = linear || !strcasecmp(value, "srgb");
+        colors->space_known = linear || !strcasecmp(value, "srgb");
         colors->space = linear ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     } else if (!strcasecmp(key, "WhitePoint:")) {
         colors->white_point = sgsi_white_point_parse(value);
@@ -65,7 +65,7 @@ void sgsi_color_space_parse(const char *path, const char *name, sgs_model_colors
     static const char *const known[] = {"srgb_rec709_display", "lin_rec709_scene",
                                         "lin_rec709_display", "srgb_rec709_scene"};
     const bool linear = !strncmp(name, "lin_", 4);
-    colors->named = true;
+    colors->space_known = true;
     colors->space = linear ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
     for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
         if (!strcmp(name, known[k]))

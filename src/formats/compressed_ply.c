@@ -230,7 +230,7 @@ sgs_status sgsi_compressed_ply_read(const char *path, const sgs_model_read_optio
         status = read_elements(reader);
     if (!status)
         status = sgsi_rows_begin(&rows, path, reader->vertex->count, degrees[reader->rest],
-                                 options->drop_unrotated);
+                                 options->drop_zero_quaternions);
     for (size_t i = 0; !status && i < reader->vertex->count; ++i) {
         float params[SGS_PARAM_COUNT];
         decode_row(reader, i, params);

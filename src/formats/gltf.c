@@ -506,8 +506,8 @@ sgs_status sgsi_glb_read(const char *path, const sgs_model_read_options *options
     if (!status && !file.total)
         status = sgsi_fail(SGS_STATUS_FORMAT, "%s: contains no primitive with %s", path, extension);
     if (!status)
-        status =
-            sgsi_rows_begin(&file.rows, path, file.total, file.sh_degree, options->drop_unrotated);
+        status = sgsi_rows_begin(&file.rows, path, file.total, file.sh_degree,
+                                 options->drop_zero_quaternions);
     file.decoding = true;
     if (!status)
         status = visit_scene(&file);

@@ -229,7 +229,7 @@ sgs_status sgsi_ksplat_read(const char *path, const sgs_model_read_options *opti
     if (!status && !total)
         status = sgsi_fail(SGS_STATUS_FORMAT, "%s: contains no primitives", path);
     if (!status)
-        status = sgsi_rows_begin(&rows, path, total, sh_degree, options->drop_unrotated);
+        status = sgsi_rows_begin(&rows, path, total, sh_degree, options->drop_zero_quaternions);
     at = file.data;
     for (size_t k = 0; !status && k < file.section_count; ++k, at += section.bytes) {
         status = read_section(&file, k, at, &section);

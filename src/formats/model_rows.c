@@ -26,9 +26,10 @@ static sgs_status fail_rows(const sgsi_rows *rows, sgs_status status, size_t cou
 }
 
 sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int sh_degree,
-                           bool drop_unrotated)
+                           bool drop_zero_quaternions)
 {
-    *rows = (sgsi_rows){.path = path, .total = total, .drop_unrotated = drop_unrotated};
+    *rows =
+        (sgsi_rows){.path = path, .total = total, .drop_zero_quaternions = drop_zero_quaternions};
     sgs_status status = sgs_gaussians_create(total, &rows->model);
     if (!status)
         status = sgs_gaussians_resize(rows->model, total);
@@ -73,7 +74,7 @@ void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
         sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] + (double)q[3] * q[3]);
     if (usable && !(norm > 0.0)) {
         ++rows->unrotated;
-        usable = !rows->drop_unrotated;
+        usable = !rows->drop_zero_quaternions;
     }
     if (!usable) {
         ++rows->dropped;
@@ -87,7 +88,7 @@ void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
 
 void sgsi_rows_warn(const sgsi_rows *rows)
 {
-    if (rows->drop_unrotated && rows->dropped) {
+    if (rows->drop_zero_quaternions && rows->dropped) {
         sgsi_warn("%s: %zu of %zu primitives are not finite or have rotation 0 0 0 0 and were "
                   "dropped",
                   rows->path, rows->dropped, rows->total);

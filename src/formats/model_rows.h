@@ -26,13 +26,13 @@ typedef struct sgsi_rows {
     sgs_gaussians *model;
     size_t kept, total;
     size_t dropped, unrotated;
-    bool drop_unrotated;
+    bool drop_zero_quaternions;
 } sgsi_rows;
 
 // Creates a model for `total` rows, whose data the caller has seen. Fails with OUT_OF_MEMORY or
 // LIMIT.
 sgs_status sgsi_rows_begin(sgsi_rows *rows, const char *path, size_t total, int sh_degree,
-                           bool drop_unrotated);
+                           bool drop_zero_quaternions);
 
 // Makes room for `added` more rows, whose data the caller has seen. most: rows of the finished
 // model, as far as known; room grows geometrically up to it. Fails with OUT_OF_MEMORY or LIMIT.

@@ -294,12 +294,12 @@ static sgs_status find_vertices(ply_reader *reader)
     return status ? status : skip_to_vertices(reader);
 }
 
-static sgs_status read_model(ply_reader *reader, bool drop_unrotated, sgs_gaussians **model)
+static sgs_status read_model(ply_reader *reader, bool drop_zero_quaternions, sgs_gaussians **model)
 {
     sgs_status status = find_vertices(reader);
     if (!status)
         status = sgsi_rows_begin(&reader->rows, reader->stream.path, reader->vertex->count,
-                                 reader->sh_degree, drop_unrotated);
+                                 reader->sh_degree, drop_zero_quaternions);
     if (status)
         return status;
     status = read_rows(reader, 0, reader->vertex->count);
@@ -347,7 +347,7 @@ static sgs_status read_file(const char *path, const sgs_model_read_options *opti
     sgs_status status = open_reader(path, &reader);
     if (!status) {
         reader->fuse_filter = info != NULL;
-        status = read_model(reader, options && options->drop_unrotated, model);
+        status = read_model(reader, options && options->drop_zero_quaternions, model);
     }
     if (!status && info) {
         info->fused_filter = reader->has_filter;

@@ -368,7 +368,8 @@ sgs_status sgsi_sog_read(const char *path, const sgs_model_read_options *options
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to read it", path);
     sgs_status status = sgsi_sog_open(sog, path);
     if (!status)
-        status = sgsi_rows_begin(&rows, path, sog->count, sog->sh_degree, options->drop_unrotated);
+        status = sgsi_rows_begin(&rows, path, sog->count, sog->sh_degree,
+                                 options->drop_zero_quaternions);
     for (size_t i = 0; !status && i < sog->count; ++i) {
         float params[SGS_PARAM_COUNT];
         sgsi_sog_row(sog, i, params);

@@ -382,7 +382,7 @@ sgs_status sgsi_lod_sog_read(const char *path, const sgs_model_read_options *opt
                                       : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                                                   "%s: not enough memory to read it", path);
     if (!status)
-        status = sgsi_rows_begin(&rows, path, 0, 0, options->drop_unrotated);
+        status = sgsi_rows_begin(&rows, path, 0, 0, options->drop_zero_quaternions);
     if (!status)
         status = read_units(&reader, &rows, info);
     if (!status)

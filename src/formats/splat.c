@@ -50,7 +50,8 @@ sgs_status sgsi_splat_read(const char *path, const sgs_model_read_options *optio
                       "or not a .splat file",
                       path, size, SPLAT_BYTES);
     if (!status)
-        status = sgsi_rows_begin(&rows, path, size / SPLAT_BYTES, 0, options->drop_unrotated);
+        status =
+            sgsi_rows_begin(&rows, path, size / SPLAT_BYTES, 0, options->drop_zero_quaternions);
     for (size_t i = 0; !status && i < size / SPLAT_BYTES; ++i) {
         float params[SGS_PARAM_COUNT];
         decode(bytes + i * SPLAT_BYTES, params);

@@ -335,7 +335,8 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
     if (axes_records[file.axes] > AXES_TURNED)
         file.turn = &turn;
     if (!status)
-        status = sgsi_rows_begin(&rows, path, file.count, file.sh_degree, options->drop_unrotated);
+        status = sgsi_rows_begin(&rows, path, file.count, file.sh_degree,
+                                 options->drop_zero_quaternions);
     for (size_t i = 0; !status && i < file.count; ++i) {
         float params[SGS_PARAM_COUNT];
         decode_row(&file, i, params);

@@ -493,7 +493,7 @@ sgs_status sgsi_usd_read(const char *path, const sgs_model_read_options *options
                            "%s: contains no ParticleField3DGaussianSplat with positions%s", path,
                            reader->composed ? "; add those of other files with 'usdcat -f'" : "");
     if (!status)
-        status = sgsi_rows_begin(&rows, path, total, sh_degree, options->drop_unrotated);
+        status = sgsi_rows_begin(&rows, path, total, sh_degree, options->drop_zero_quaternions);
     if (!status) {
         status = decode(reader, &rows);
         info->dropped = rows.dropped;

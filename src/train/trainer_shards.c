@@ -282,8 +282,9 @@ static sgs_model_colors trained_colors(const sgs_trainer *trainer)
 {
     const sgs_scene *scene = trainer->views.scene;
     const bool has_white = scene->space == SGS_SPACE_LINEAR || scene->linear_images > 0;
-    return (sgs_model_colors){
-        .named = true, .space = scene->space, .white_point = has_white ? scene->white_point : 0.0};
+    return (sgs_model_colors){.space_known = true,
+                              .space = scene->space,
+                              .white_point = has_white ? scene->white_point : 0.0};
 }
 
 // A file that rank 0 cannot write does not keep the others from sending.

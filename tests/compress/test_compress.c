@@ -445,10 +445,10 @@ static void marks_are_kept(void **state)
         assert_int_equal(described.gaussians, info.gaussians);
         assert_int_equal(described.bytes, info.bytes);
         assert_int_equal(described.sh_degree, k / TESTED);
-        assert_true(described.antialiased && described.colors.named);
+        assert_true(described.antialiased && described.colors.space_known);
         assert_int_equal(described.colors.space, SGS_SPACE_LINEAR);
         assert_true(described.colors.white_point == 4.0);
-        assert_true(info.antialiased && info.colors.named);
+        assert_true(info.antialiased && info.colors.space_known);
         assert_int_equal(info.colors.space, SGS_SPACE_LINEAR);
         assert_true(info.colors.white_point == 4.0);
     }
@@ -477,13 +477,13 @@ static void marks_are_kept(void **state)
     free(bytes);
     // The usual model has no such section.
     sgs_compress_options options = options_of(SGS_COMPRESS_GHAP, 3);
-    options.colors.named = true;
+    options.colors.space_known = true;
     assert_int_equal(sgs_compress(model, &options, path, NULL), SGS_STATUS_OK);
     bytes = file_get(path, &size);
     assert_null(memmem(bytes, size, "marks", 5));
     free(bytes);
     assert_int_equal(sgs_decompress(path, &decoded, &info), SGS_STATUS_OK);
-    assert_false(info.antialiased || info.colors.named || info.colors.white_point > 0.0);
+    assert_false(info.antialiased || info.colors.space_known || info.colors.white_point > 0.0);
     sgs_gaussians_destroy(decoded);
     options.colors.white_point = (double)NAN;
     assert_int_equal(sgs_compress(model, &options, path, NULL), SGS_STATUS_INVALID_ARGUMENT);

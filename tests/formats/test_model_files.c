@@ -465,7 +465,7 @@ static sgs_model_colors read_colors(const char *path)
         fail_msg("%s", sgs_last_error());
     sgs_gaussians_destroy(model);
     colors = info.colors;
-    assert_int_equal(probed.named, colors.named);
+    assert_int_equal(probed.space_known, colors.space_known);
     assert_int_equal(probed.space, colors.space);
     assert_true(probed.white_point == colors.white_point);
     return colors;
@@ -513,7 +513,7 @@ static void colors_are_recorded(void **state)
                 assert_int_equal(sgs_model_format_marks_colors(format), marks);
                 const sgs_model_colors back = read_colors(path);
                 const bool silent = strstr(path, ".ply") && !space && !white;
-                assert_int_equal(back.named, marks && !silent);
+                assert_int_equal(back.space_known, marks && !silent);
                 assert_int_equal(back.space, marks ? space : 0);
                 assert_true(back.white_point == (marks && white ? 5.25 : 0.0));
                 uint8_t *bytes;
@@ -625,9 +625,9 @@ static void foreign_colors_are_read(void **state)
         warnings_begin(state);
         const sgs_model_colors colors = read_colors(path);
         sgs_warning_handler_set(NULL, NULL);
-        if (colors.named != cases[k].named || (int)colors.space != cases[k].space ||
+        if (colors.space_known != cases[k].named || (int)colors.space != cases[k].space ||
             colors.white_point != cases[k].white)
-            fail_msg("%s: named %d, space %d, white point %g", cases[k].to, colors.named,
+            fail_msg("%s: named %d, space %d, white point %g", cases[k].to, colors.space_known,
                      colors.space, colors.white_point);
         if (cases[k].warning) // one, and none by sgs_model_read_colors
             assert_ptr_equal(strchr(warnings, '\n'), warnings + strlen(warnings) - 1);
@@ -639,10 +639,10 @@ static void foreign_colors_are_read(void **state)
         sgsi_free(bytes);
     }
     // A file that is no model has no colours.
-    sgs_model_colors none = {.named = true, .white_point = 2};
+    sgs_model_colors none = {.space_known = true, .white_point = 2};
     file_put(temp_path(&folder, "a.usda"), "#usda 1.0\n{", 11);
     assert_int_equal(sgs_model_read_colors(temp_path(&folder, "a.usda"), &none), SGS_STATUS_FORMAT);
-    assert_false(none.named || none.white_point > 0);
+    assert_false(none.space_known || none.white_point > 0);
     sgs_gaussians_destroy(model);
     temp_folder_remove(&folder);
 }

@@ -105,7 +105,7 @@ int model_scene_resolve(scene_values *values, const command_line *line, const mo
     if (config_option(located->config, "train_space") ||
         model_reader_colors(located->ply_path, &colors))
         return status;
-    if (colors.named && !option_given(line, "train-space"))
+    if (colors.space_known && !option_given(line, "train-space"))
         values->space = colors.space;
     if (colors.white_point > 0 && !option_given(line, "white"))
         values->white_point = colors.white_point;
@@ -116,7 +116,8 @@ void model_warn_space(const model_path *located, sgs_space space)
 {
     static const char *const names[] = {[SGS_SPACE_SRGB] = "srgb", [SGS_SPACE_LINEAR] = "linear"};
     sgs_model_colors colors;
-    if (!model_reader_colors(located->ply_path, &colors) && colors.named && colors.space != space)
+    if (!model_reader_colors(located->ply_path, &colors) && colors.space_known &&
+        colors.space != space)
         print_warning("%s: its colours are %s, those of this training are %s; train with "
                       "--train-space %s",
                       located->ply_path, names[colors.space], names[space], names[colors.space]);
@@ -126,7 +127,7 @@ sgs_model_colors model_colors(sgs_space space, double white_point)
 {
     const bool matters = space == SGS_SPACE_LINEAR || white_point != 1;
     return (sgs_model_colors){
-        .named = true, .space = space, .white_point = matters ? white_point : 0};
+        .space_known = true, .space = space, .white_point = matters ? white_point : 0};
 }
 
 sgs_model_write_options model_write_options(const drawing_values *drawing)

@@ -603,7 +603,7 @@ static int convert(const command_line *line, const convert_plan *plan, scene_val
     sgs_model_read_options options = sgs_model_read_options_default();
     options.spz_axes = (sgs_spz_axes)plan->values->input_spz_axes;
     options.lod = plan->values->lod;
-    options.drop_unrotated = plan->values->drop_nan;
+    options.drop_zero_quaternions = plan->values->drop_nan;
     opened_model opened;
     sgs_scene *scene = NULL;
     float *importance = NULL;

@@ -129,7 +129,7 @@ static bool describe_model(const char *path, json_t *root)
         if (info.version)
             json_object_set_new(root, "version", json_integer(info.version));
         json_object_set_new(root, "antialiased", json_boolean(info.antialiased));
-        if (info.colors.named)
+        if (info.colors.space_known)
             json_object_set_new(
                 root, "train_space",
                 json_string(info.colors.space == SGS_SPACE_LINEAR ? "linear" : "srgb"));

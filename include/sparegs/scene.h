@@ -91,7 +91,7 @@ typedef struct sgs_scene_options {
     size_t held_out_count;
     // Hold out the test views that the data set names, even if test_every is 0. With both, there is
     // no warning that such views replace those of test_every.
-    bool own_split;
+    bool use_dataset_split;
     // Exact names of the views to keep; names without a view are ignored. The other views are
     // included in split, white point, center, extent and digest, and then dropped without being
     // decoded. NULL = keep all. Not used by sgs_scene_create.
@@ -130,15 +130,15 @@ typedef struct sgs_scene {
     char *path;       // as given to sgs_scene_load
     char *model_path; // folder or file of the cameras
     size_t view_count;
-    sgs_view *views;       // [view_count], sorted by name (strcmp)
-    size_t point_count;    // sparse cloud, finite points only
-    float *points;         // [point_count][3], world
-    uint8_t *colors;       // [point_count][3], sRGB
-    size_t images_missing; // views skipped because their image file is missing or unreadable
-    size_t images_unposed; // files in the image folder without a pose (ignored)
-    size_t masks;          // views with a mask file, also if it excludes every pixel
-    size_t pixels_broken;  // pixels with NaN or infinite values; they are invalid
-    size_t photo_bytes;    // size of all photos when decoded; 0 with cameras_only
+    sgs_view *views;         // [view_count], sorted by name (strcmp)
+    size_t point_count;      // sparse cloud, finite points only
+    float *points;           // [point_count][3], world
+    uint8_t *colors;         // [point_count][3], sRGB
+    size_t images_missing;   // views skipped because their image file is missing or unreadable
+    size_t images_unposed;   // files in the image folder without a pose (ignored)
+    size_t masks;            // views with a mask file, also if it excludes every pixel
+    size_t pixels_nonfinite; // pixels with NaN or infinite values; they are invalid
+    size_t photo_bytes;      // size of all photos when decoded; 0 with cameras_only
     struct sgs_scene_store *store; // internal: the image cache; NULL = all photos are in views
     sgs_space space;               // of photos and trained colours
     double white_point;            // linear light that maps to 1; 1 if no file is linear

@@ -296,7 +296,7 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
 
 static sgs_status load(const sgsi_photo_source *source, sgs_photo *photo, sgsi_photo_report *report)
 {
-    sgs_status status = read_photo(source, photo, &report->pixels_broken);
+    sgs_status status = read_photo(source, photo, &report->pixels_nonfinite);
     if (!status)
         status = sgsi_photo_use_alpha(photo, source->alpha);
     if (!status && source->mask_path) {

@@ -29,8 +29,8 @@ typedef struct sgsi_photo_source {
 
 // Further results of a load.
 typedef struct sgsi_photo_report {
-    bool mask_failed;     // the error concerns the mask, not the photo
-    size_t pixels_broken; // pixels of the file with an infinite or NaN channel
+    bool mask_failed;        // the error concerns the mask, not the photo
+    size_t pixels_nonfinite; // pixels of the file with an infinite or NaN channel
 } sgsi_photo_report;
 
 // Fails like sgs_image8_read if the photo cannot be read. On failure the photo is empty.

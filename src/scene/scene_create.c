@@ -27,7 +27,7 @@ typedef struct entry {
     const sgs_view_source *source;
     char *name;
     const uint16_t *lens; // pixels with a ray, or NULL = all
-    size_t pixels_broken;
+    size_t pixels_nonfinite;
     sgs_status status;
 } entry;
 
@@ -108,7 +108,7 @@ static sgs_status convert_pixels(const creator *c, entry *e, sgs_photo *photo)
             float value[4] = {0, 0, 0, 1};
             uint16_t *to = photo->halves + (size_t)y * (size_t)photo->width + (size_t)x;
             if (!read_pixel(source, x, y, value)) {
-                ++e->pixels_broken;
+                ++e->pixels_nonfinite;
                 memset(value, 0, sizeof value);
                 status = sgsi_mask_begin(photo);
                 if (!status)
@@ -354,7 +354,7 @@ static sgs_status make_photos(creator *c)
                              scene->views[i].name);
         scene->has_alpha |= c->entries[i].source->channels == 4;
         scene->masks += c->entries[i].source->mask != NULL;
-        scene->pixels_broken += c->entries[i].pixels_broken;
+        scene->pixels_nonfinite += c->entries[i].pixels_nonfinite;
         const bool linear = c->entries[i].source->pixel_type != SGS_PIXEL_UINT8;
         const sgsi_image_info info = {
             .channels = c->entries[i].source->channels, .bytes = !linear, .linear = linear};
@@ -383,7 +383,7 @@ static sgs_status create(creator *c, const sgs_view_source *views, size_t view_c
         status = copy_points(scene, points, colors, point_count);
     if (!status)
         status = make_photos(c);
-    c->options.own_split = true; // of the sources, unless an option defines the split
+    c->options.use_dataset_split = true; // of the sources, unless an option defines the split
     if (!status)
         status = sgsi_scene_split(scene, &c->options, !selects);
     if (status)

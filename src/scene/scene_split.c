@@ -240,8 +240,8 @@ sgs_status sgsi_scene_split(sgs_scene *scene, const sgs_scene_options *options, 
         status = split_by_record(scene, options);
     else if (options->test_images)
         status = split_by_names(scene, options->test_images);
-    else if (has_split && (every || options->own_split)) {
-        if (every && !options->own_split)
+    else if (has_split && (every || options->use_dataset_split)) {
+        if (every && !options->use_dataset_split)
             sgsi_warn("%s: using the scene's own test views; test_every %d is ignored", scene->path,
                       every);
     } else {

@@ -212,10 +212,10 @@ static bool is_usable(sgsi_scene_loader *l, size_t i, view_tally *tally)
     sgs_scene *scene = l->scene;
     const sgsi_view_slot *s = &l->slots[i];
     const sgs_view *view = &scene->views[i];
-    if (s->report.pixels_broken && tally->broken++ < MAX_WARNINGS)
+    if (s->report.pixels_nonfinite && tally->broken++ < MAX_WARNINGS)
         sgsi_warn("%s: ignored %zu pixel(s) with infinite or NaN values", view->image_path,
-                  s->report.pixels_broken);
-    scene->pixels_broken += s->report.pixels_broken;
+                  s->report.pixels_nonfinite);
+    scene->pixels_nonfinite += s->report.pixels_nonfinite;
     if (s->status) {
         if (scene->images_missing++ < MAX_WARNINGS)
             sgsi_warn("%s; the view is skipped", s->error ? s->error : view->image_path);

@@ -475,7 +475,7 @@ static void nonfinite_pixels_are_ignored_and_counted(void **state)
         const temp_folder folder = make_scene(values[k]);
         sgs_scene *scene;
         assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
-        assert_int_equal(scene->pixels_broken, 1);
+        assert_int_equal(scene->pixels_nonfinite, 1);
         assert_true(scene->white_point > 4 && scene->white_point < 16);
         assert_holds(warnings, "a.exr: ignored 1 pixel(s) with infinite or NaN values");
         const sgs_photo *photo = &scene->views[0].image;

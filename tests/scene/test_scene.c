@@ -495,7 +495,7 @@ static void nerf_synthetic_scenes_have_a_white_background(void **state)
         tree_put_picture(&folder, names[i], 20, 10, 4, glass);
     sgs_scene_options options = sgs_scene_options_default();
     assert_split(folder.path, &options, "0000"); // nothing is held out by default
-    options.own_split = true;
+    options.use_dataset_split = true;
     assert_split(folder.path, &options, "1100");
     options.test_every = 8;
     for (int images = 0; images < 2; ++images) {
@@ -517,7 +517,7 @@ static void nerf_synthetic_scenes_have_a_white_background(void **state)
         sgs_scene_destroy(scene);
     }
     assert_string_equal(warnings, "");
-    options.own_split = false; // test_every is a number of the caller, 8 too
+    options.use_dataset_split = false; // test_every is a number of the caller, 8 too
     assert_split(folder.path, &options, "1100");
     assert_holds(warnings, "test_every 8 is ignored");
     options.test_every = 2;

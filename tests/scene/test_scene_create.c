@@ -172,7 +172,7 @@ static void floats_with_strides_become_the_space_of_the_scene(void **state)
         assert_true(photo->is_hdr && photo->halves && !photo->pixels);
         assert_int_equal(photo->channels, run == 2 ? 3 : 4);
         assert_true(scene->has_alpha);
-        assert_int_equal(scene->pixels_broken, 1);
+        assert_int_equal(scene->pixels_nonfinite, 1);
         assert_int_equal(photo->kept, W * H - 1 - (run == 2 ? 4 * H : 0));
         assert_true(scene->white_point == 2);
         for (int y = 0; y < H; ++y)
@@ -274,7 +274,7 @@ static void a_folder_and_memory_give_the_same_scene(void **state)
     assert_int_equal(made->float_images, loaded->float_images);
     assert_int_equal(made->photo_bytes, loaded->photo_bytes);
     assert_int_equal(made->has_alpha, loaded->has_alpha);
-    assert_int_equal(made->pixels_broken, loaded->pixels_broken);
+    assert_int_equal(made->pixels_nonfinite, loaded->pixels_nonfinite);
     assert_int_equal(made->masks, loaded->masks);
     assert_int_equal(made->point_count, loaded->point_count);
     assert_memory_equal(made->points, loaded->points, sizeof points);
@@ -306,7 +306,7 @@ static void halves_keep_their_value(void **state)
     for (int i = 0; i < 5; ++i)
         assert_true(sgs_photo_value(photo, (size_t)(W * H + i)) == values[i]);
     assert_false(is_valid(photo, 5, 0));
-    assert_int_equal(scene->pixels_broken, 1);
+    assert_int_equal(scene->pixels_nonfinite, 1);
     sgs_scene_destroy(scene);
 }
 

@@ -99,8 +99,8 @@ int model_scene_resolve(scene_values *values, const command_line *line, const mo
 {
     sgs_model_colors colors;
     const int status = scene_resolve(values, line, located->config);
-    values->own_split =
-        values->own_split || (!located->config && !values->test_every && !values->test_images);
+    values->use_dataset_split = values->use_dataset_split ||
+                                (!located->config && !values->test_every && !values->test_images);
     // An unreadable file is an error of the later reading of the whole model.
     if (config_option(located->config, "train_space") ||
         model_reader_colors(located->ply_path, &colors))

@@ -232,12 +232,12 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
         return refuse_idle(line, "invert-masks", "with --masks none");
     if (values->eval)
         values->test_every = 8;
-    values->own_split = values->eval;
+    values->use_dataset_split = values->eval;
     if (!splits) {
         values->test_every = (int)json_integer_value(config_option(config, "test_every"));
         values->test_images = json_string_value(config_option(config, "test_images"));
         values->held_out = json_object_get(config, "test_images");
-        values->own_split = values->test_every > 0; // may be the record of --eval
+        values->use_dataset_split = values->test_every > 0; // may be the record of --eval
     }
     if (!option_given(line, "images"))
         values->images = json_string_value(config_option(config, "images"));
@@ -312,7 +312,7 @@ static sgs_scene *open_scene(const char *path, const scene_values *values, bool 
     const char **kept = values->kept ? json_strings(values->kept) : NULL;
     options.kept = kept;
     options.kept_count = json_array_size(values->kept);
-    options.own_split = values->own_split;
+    options.use_dataset_split = values->use_dataset_split;
     options.images_dir = values->images;
     options.downscale = values->downscale;
     options.test_every = values->test_every;

@@ -34,10 +34,10 @@ typedef struct scene_values {
     // From scene_resolve, borrowed from the config: the names that the run held out, or NULL. Used
     // unless the command line defines a split.
     const json_t *held_out;
-    const json_t *kept; // names of the views to load, borrowed; NULL = all
-    bool own_split;     // --eval, or no run and no option: the test views of the data set
-    bool measure_white; // also if scene_open does not load the images
-    bool headers_only;  // scene_open without images does not look for truncated files
+    const json_t *kept;     // names of the views to load, borrowed; NULL = all
+    bool use_dataset_split; // --eval, or no run and no option: the test views of the data set
+    bool measure_white;     // also if scene_open does not load the images
+    bool headers_only;      // scene_open without images does not look for truncated files
     // From scene_resolve, borrowed: the command, whose outputs must not replace files of the scene.
     const command_line *line;
 } scene_values;

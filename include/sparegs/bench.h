@@ -162,9 +162,9 @@ typedef struct sgs_rank_prediction {
 } sgs_rank_prediction;
 
 // Predicts the messages of ranks[i] ranks (2 to 1024) into predictions[count], from the lists of an
-// iteration per view: bytes and messages are those that these ranks would count (sgs_ranks_counted)
-// with images divided by the costs of the previous visit. Call after sgs_bench_run. Fails with
-// INVALID_ARGUMENT or OUT_OF_MEMORY.
+// iteration per view: bytes and messages are those that these ranks would count
+// (sgs_ranks_traffic_get) with images divided by the costs of the previous visit. Call after
+// sgs_bench_run. Fails with INVALID_ARGUMENT or OUT_OF_MEMORY.
 SGS_API sgs_status sgs_bench_ranks(sgs_bench *bench, const int *ranks, size_t count,
                                    sgs_rank_prediction *predictions);
 

@@ -73,7 +73,7 @@ SGS_API void sgs_lpips_destroy(sgs_lpips *lpips);
 // "vgg" or "alex"; owned by the library.
 SGS_API const char *sgs_lpips_network(const sgs_lpips *lpips);
 // Smallest width and height of an image, pixels.
-SGS_API int sgs_lpips_smallest(const sgs_lpips *lpips);
+SGS_API int sgs_lpips_min_size(const sgs_lpips *lpips);
 
 // LPIPS of two images, 0 = equal. Display values (sRGB). Sizes must match; three channels are used.
 // Invalid pixels (valid_mask as in sgs_flip) are black in both images, and each feature is weighted

@@ -101,7 +101,7 @@ typedef enum sgs_ranks_purpose {
     SGS_RANKS_OTHER,     // start, evaluation, files
     SGS_RANKS_PURPOSE_COUNT
 } sgs_ranks_purpose;
-SGS_API sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
+SGS_API sgs_ranks_traffic sgs_ranks_traffic_get(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
 
 // Seconds that this rank has spent in collective calls, by purpose. Every call begins with a header
 // that is complete when the last rank has sent its part: the time until then counts as waiting. A
@@ -110,7 +110,7 @@ typedef struct sgs_ranks_seconds {
     double waiting; // for the other ranks, and the latency of the header
     double moving;  // transfer of the bytes of the call
 } sgs_ranks_seconds;
-SGS_API sgs_ranks_seconds sgs_ranks_spent(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
+SGS_API sgs_ranks_seconds sgs_ranks_seconds_get(const sgs_ranks *ranks, sgs_ranks_purpose purpose);
 // "status", "image", ...; "unknown" outside the enumeration. Constant string.
 SGS_API const char *sgs_ranks_purpose_name(sgs_ranks_purpose purpose);
 

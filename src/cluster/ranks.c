@@ -564,13 +564,13 @@ sgs_status sgs_ranks_compare(sgs_ranks *ranks, sgs_status own, const char *text)
 
 // ---- Counts ----
 
-sgs_ranks_traffic sgs_ranks_counted(const sgs_ranks *ranks, sgs_ranks_purpose purpose)
+sgs_ranks_traffic sgs_ranks_traffic_get(const sgs_ranks *ranks, sgs_ranks_purpose purpose)
 {
     return ranks && (unsigned)purpose < SGS_RANKS_PURPOSE_COUNT ? ranks->counted[purpose]
                                                                 : (sgs_ranks_traffic){0};
 }
 
-sgs_ranks_seconds sgs_ranks_spent(const sgs_ranks *ranks, sgs_ranks_purpose purpose)
+sgs_ranks_seconds sgs_ranks_seconds_get(const sgs_ranks *ranks, sgs_ranks_purpose purpose)
 {
     return ranks && (unsigned)purpose < SGS_RANKS_PURPOSE_COUNT ? ranks->spent[purpose]
                                                                 : (sgs_ranks_seconds){0};

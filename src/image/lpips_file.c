@@ -238,7 +238,7 @@ const char *sgs_lpips_network(const sgs_lpips *lpips)
     return lpips->network->name;
 }
 
-int sgs_lpips_smallest(const sgs_lpips *lpips)
+int sgs_lpips_min_size(const sgs_lpips *lpips)
 {
     return lpips->network->smallest;
 }

@@ -4,7 +4,7 @@
 
 // What several ranks would send each other in an iteration, from the lists of one process. Uses the
 // cut, the routes and the owners of a real run: bytes and messages are those that it counts
-// (sgs_ranks_counted), in an iteration without structural update or scores from views.
+// (sgs_ranks_traffic_get), in an iteration without structural update or scores from views.
 
 #include "sparegs/ranks.h"
 #include "trace/tracer.h"

@@ -69,7 +69,7 @@ static void run_rank(void *context, sgs_ranks *ranks)
         abort();
     for (int round = 0; round < ROUNDS && !m->status; ++round)
         collect(m, ranks, round, own, got);
-    m->sent = sgs_ranks_counted(ranks, SGS_RANKS_OTHER);
+    m->sent = sgs_ranks_traffic_get(ranks, SGS_RANKS_OTHER);
     free(own);
     free(got);
 }

@@ -54,7 +54,7 @@ static counts counted(const sgs_ranks *ranks)
 {
     counts all;
     for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k)
-        all.sent[k] = sgs_ranks_counted(ranks, (sgs_ranks_purpose)k);
+        all.sent[k] = sgs_ranks_traffic_get(ranks, (sgs_ranks_purpose)k);
     return all;
 }
 

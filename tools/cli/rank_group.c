@@ -347,7 +347,7 @@ json_t *group_traffic(void)
     if (!ranks)
         return NULL;
     for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k)
-        own[k] = sgs_ranks_counted(ranks, (sgs_ranks_purpose)k);
+        own[k] = sgs_ranks_traffic_get(ranks, (sgs_ranks_purpose)k);
     all = malloc((size_t)group_count() * sizeof own);
     if (!all)
         fail_run("not enough memory for the traffic of the ranks");

@@ -65,7 +65,7 @@ bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips)
         fail_library();
         return false;
     }
-    const int smallest = sgs_lpips_smallest(*lpips);
+    const int smallest = sgs_lpips_min_size(*lpips);
     for (size_t v = 0; v < scene->view_count; ++v) {
         const sgs_view *view = &scene->views[v];
         if (view->camera.width >= smallest && view->camera.height >= smallest)

@@ -11,7 +11,7 @@
 static void read_totals(sgs_ranks_seconds totals[SGS_RANKS_PURPOSE_COUNT])
 {
     for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k)
-        totals[k] = sgs_ranks_spent(group_ranks(), (sgs_ranks_purpose)k);
+        totals[k] = sgs_ranks_seconds_get(group_ranks(), (sgs_ranks_purpose)k);
 }
 
 void rank_clock_start(rank_clock *clock)

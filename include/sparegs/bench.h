@@ -148,8 +148,8 @@ SGS_API double sgs_scaling_predict(const sgs_scaling *scaling, int cores, double
 // largest values of a single rank. Means over the views.
 typedef struct sgs_rank_call {
     double calls, messages, bytes; // sent by all ranks; calls: of each rank
-    double most_messages;          // sent by one rank
-    double most_bytes;             // sent or received by one rank, whichever is more
+    double max_messages;           // sent by one rank
+    double max_bytes;              // sent or received by one rank, whichever is more
 } sgs_rank_call;
 
 typedef struct sgs_rank_prediction {

@@ -92,7 +92,7 @@ typedef struct sgs_profile {
     double hits; // counted hits of all rays
     // Means over the sampled rays, by brute force: hits until termination, hits without
     // termination, fraction of terminated rays. NaN without samples.
-    double sampled_hits, sampled_hits_unstopped, sampled_stopped;
+    double sampled_hits, sampled_hits_unterminated, sampled_terminated;
     // [height][width]: counted hits; block hits of the pixel's block.
     float *pixel_hits, *pixel_block_hits;
     float *tile_candidates, *tile_evaluations, *tile_seconds; // [tiles_y][tiles_x]

@@ -287,18 +287,17 @@ static void add_view(const sgsi_rank_traffic *traffic, double share, sgs_rank_pr
     double cost = 0.0, most_cost = 0.0, primitives = 0.0;
     for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k) {
         sgs_rank_call *call = &to->calls[k];
-        double most_messages = 0.0, most_bytes = 0.0;
+        double max_messages = 0.0, max_bytes = 0.0;
         for (int r = 0; r < to->ranks; ++r) {
             const sgs_ranks_traffic *sent = &traffic[r].sent[k];
             call->messages += share * (double)sent->messages;
             call->bytes += share * (double)sent->bytes;
-            most_messages = fmax(most_messages, (double)sent->messages);
-            most_bytes =
-                fmax(most_bytes, fmax((double)sent->bytes, (double)traffic[r].received[k]));
+            max_messages = fmax(max_messages, (double)sent->messages);
+            max_bytes = fmax(max_bytes, fmax((double)sent->bytes, (double)traffic[r].received[k]));
         }
         call->calls += share * (double)traffic[0].sent[k].calls;
-        call->most_messages += share * most_messages;
-        call->most_bytes += share * most_bytes;
+        call->max_messages += share * max_messages;
+        call->max_bytes += share * max_bytes;
     }
     for (int r = 0; r < to->ranks; ++r) {
         cost += traffic[r].cost;
@@ -379,11 +378,10 @@ double sgs_rank_seconds(const sgs_rank_prediction *prediction, double latency, d
     double seconds = 0.0;
     for (int k = 0; k < SGS_RANKS_PURPOSE_COUNT; ++k) {
         const sgs_rank_call *call = &prediction->calls[k];
-        const double rounds =
-            k == SGS_RANKS_STATUS
-                ? call->most_messages / (prediction->ranks - 1) * ceil(log2(prediction->ranks))
-                : call->most_messages;
-        seconds += rounds * latency + call->most_bytes / bandwidth;
+        const double rounds = k == SGS_RANKS_STATUS ? call->max_messages / (prediction->ranks - 1) *
+                                                          ceil(log2(prediction->ranks))
+                                                    : call->max_messages;
+        seconds += rounds * latency + call->max_bytes / bandwidth;
     }
     return seconds;
 }

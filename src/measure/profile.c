@@ -337,7 +337,7 @@ typedef struct sample_job {
     const float *projected;
     // -1: no ray at that pixel, or out of memory.
     int counted[SAMPLES_MAX], all[SAMPLES_MAX];
-    bool stopped[SAMPLES_MAX];
+    bool terminated[SAMPLES_MAX];
 } sample_job;
 
 // Direction in camera axes of the ray through a pixel. False if the pixel has no ray.
@@ -401,7 +401,7 @@ static void follow_ray(void *context, size_t item, int thread)
         through *= 1.0 - hits[counted++].alpha;
     job->all[item] = (int)count;
     job->counted[item] = (int)counted;
-    job->stopped[item] = counted < count;
+    job->terminated[item] = counted < count;
     sgsi_free(hits);
 }
 
@@ -425,11 +425,11 @@ static sgs_status sample_rays(profile_job *job)
                 continue;
             ++rays;
             job->out->sampled_hits += sampling->counted[i];
-            job->out->sampled_hits_unstopped += sampling->all[i];
-            job->out->sampled_stopped += sampling->stopped[i];
+            job->out->sampled_hits_unterminated += sampling->all[i];
+            job->out->sampled_terminated += sampling->terminated[i];
         }
-        double *const sums[] = {&job->out->sampled_hits, &job->out->sampled_hits_unstopped,
-                                &job->out->sampled_stopped};
+        double *const sums[] = {&job->out->sampled_hits, &job->out->sampled_hits_unterminated,
+                                &job->out->sampled_terminated};
         for (int k = 0; k < 3; ++k)
             *sums[k] = rays > 0 ? *sums[k] / rays : NAN;
     }

@@ -64,7 +64,7 @@ static void hits_equal_brute_force(void **state)
     assert_true(fabs(profile->hits - sum) <= 1e-3 * sum);
     // A regular sample of an eighth of the pixels.
     assert_true(fabs(profile->sampled_hits / (sum / (WIDTH * HEIGHT)) - 1) < 0.1);
-    assert_true(profile->sampled_hits_unstopped >= profile->sampled_hits);
+    assert_true(profile->sampled_hits_unterminated >= profile->sampled_hits);
     assert_true(profile->rays == WIDTH * HEIGHT);
     sgs_reference_frame_free(&exact);
     sgs_profile_destroy(profile);

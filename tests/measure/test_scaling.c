@@ -58,15 +58,15 @@ static void communication_takes_messages_and_bytes(void **state)
     (void)state;
     sgs_rank_prediction p = {.ranks = 4};
     p.calls[SGS_RANKS_RECORDS] = (sgs_rank_call){
-        .calls = 1, .messages = 12, .bytes = 7e6, .most_messages = 3, .most_bytes = 2e6};
+        .calls = 1, .messages = 12, .bytes = 7e6, .max_messages = 3, .max_bytes = 2e6};
     p.calls[SGS_RANKS_IMAGE] = (sgs_rank_call){
-        .calls = 1, .messages = 5, .bytes = 2e6, .most_messages = 2, .most_bytes = 1e6};
+        .calls = 1, .messages = 5, .bytes = 2e6, .max_messages = 2, .max_bytes = 1e6};
     close_to(sgs_rank_seconds(&p, 0, 1e9), 3e-3);
     close_to(sgs_rank_seconds(&p, 1e-3, 1e9), 3e-3 + 5e-3);
-    p.calls[SGS_RANKS_STATUS] = (sgs_rank_call){.calls = 8, .most_messages = 24, .most_bytes = 0};
+    p.calls[SGS_RANKS_STATUS] = (sgs_rank_call){.calls = 8, .max_messages = 24, .max_bytes = 0};
     close_to(sgs_rank_seconds(&p, 1e-3, 1e9), 3e-3 + 5e-3 + 8 * 2e-3);
     p.ranks = 5;
-    p.calls[SGS_RANKS_STATUS].most_messages = 32;
+    p.calls[SGS_RANKS_STATUS].max_messages = 32;
     close_to(sgs_rank_seconds(&p, 1e-3, 1e9), 3e-3 + 5e-3 + 8 * 3e-3);
 }
 

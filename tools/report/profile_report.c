@@ -29,7 +29,7 @@
     X(macrotile_hits)                                                                              \
     X(hits)
 // Of the views in which a sampled pixel has a ray.
-#define SGS_EACH_SAMPLED(X) X(sampled_hits) X(sampled_hits_unstopped) X(sampled_stopped)
+#define SGS_EACH_SAMPLED(X) X(sampled_hits) X(sampled_hits_unterminated) X(sampled_terminated)
 #define SGS_EACH_TREE_SUM(X)                                                                       \
     X(build)                                                                                       \
     X(refit)                                                                                       \
@@ -382,7 +382,7 @@ static void print_counts(const sgs_profile *m)
     if (isfinite(m->sampled_hits))
         printf("hits per ray (sampled): %.1f until termination, %.1f without termination; %.0f %% "
                "of rays terminate\n",
-               m->sampled_hits, m->sampled_hits_unstopped, 100 * m->sampled_stopped);
+               m->sampled_hits, m->sampled_hits_unterminated, 100 * m->sampled_terminated);
 }
 
 static void print_training(const sgs_bench_sample *sample)
@@ -525,8 +525,8 @@ static void add_numbers(json_t *object, const sgs_profile *m)
                    {"hits", m->hits},
                    {"hits_per_ray", quotient(m->hits, m->rays)},
                    {"sampled_hits", m->sampled_hits},
-                   {"sampled_hits_unstopped", m->sampled_hits_unstopped},
-                   {"sampled_stopped", m->sampled_stopped},
+                   {"sampled_hits_unstopped", m->sampled_hits_unterminated},
+                   {"sampled_stopped", m->sampled_terminated},
                    {"forward_core_seconds", m->forward},
                    {"gather_noise", m->noise}};
     const struct {

@@ -69,7 +69,7 @@ static json_t *calls_json(const sgs_rank_prediction *p)
         json_object_set_new(object, sgs_ranks_purpose_name(calls[k]),
                             json_pack("{s:f,s:f,s:f,s:f,s:f}", "calls", call->calls, "messages",
                                       call->messages, "bytes", call->bytes, "most_messages",
-                                      call->most_messages, "most_bytes", call->most_bytes));
+                                      call->max_messages, "most_bytes", call->max_bytes));
     }
     return object;
 }

@@ -579,7 +579,7 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
                            : bounding_box(&p);
     for (int axis = 0; axis < 3; ++axis) {
         result->low[axis] = p.box.low[axis];
-        result->cell[axis] = 1.0 / p.box.scale[axis];
+        result->voxel_size[axis] = 1.0 / p.box.scale[axis];
     }
     run_pass(&p, p.slices, assign_voxels);
     // NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): as above

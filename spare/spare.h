@@ -87,7 +87,7 @@ typedef struct spare_result {
     double over_budget_share;    // share of primitives in regions with n_r > quota
     double mean_weight;          // over primitives
     size_t redundant_count;
-    double low[3], cell[3]; // lower corner and cell size of the grid, world units
+    double low[3], voxel_size[3]; // lower corner and voxel size of the grid, world units
 } spare_result;
 
 // Computes regions, quotas, weights and the redundancy mask from the state before the densification

@@ -297,7 +297,7 @@ typedef struct sgs_region {
 // the trainer was created or loaded a checkpoint, or the last one was without SPARE-GS.
 typedef struct sgs_regions {
     int iteration, grid;
-    double low[3], cell[3]; // lower corner of the grid and size of a voxel, world units
+    double low[3], voxel_size[3]; // lower corner of the grid and size of a voxel, world units
     size_t count;
     // [count] by ascending voxel; owned by the trainer, valid until the next step.
     const sgs_region *regions;

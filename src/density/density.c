@@ -373,7 +373,7 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
     sgsi_parallel_ranges(columns->count, GRAIN, count_decisions, &job);
     result->region_list = list;
     memcpy(result->region_low, found->low, sizeof found->low);
-    memcpy(result->region_cell, found->cell, sizeof found->cell);
+    memcpy(result->region_voxel_size, found->voxel_size, sizeof found->voxel_size);
     return SGS_STATUS_OK;
 }
 

@@ -65,7 +65,7 @@ typedef struct sgsi_density_result {
     size_t relocated, spare_deferred; // see sgs_step_info
     double spare_seconds;
     struct sgs_region *region_list; // [regions], the caller frees it; NULL without SPARE-GS
-    double region_low[3], region_cell[3];
+    double region_low[3], region_voxel_size[3];
     bool unchanged; // the update failed before it changed model, moments or statistics
     bool refused;   // so it failed, because options.admits refused
 } sgsi_density_result;

@@ -176,7 +176,8 @@ static void keep_regions(sgs_trainer *trainer, int iteration, const sgsi_density
                                      .count = result->region_list ? result->regions : 0,
                                      .regions = result->region_list};
     memcpy(trainer->regions.low, result->region_low, sizeof result->region_low);
-    memcpy(trainer->regions.cell, result->region_cell, sizeof result->region_cell);
+    memcpy(trainer->regions.voxel_size, result->region_voxel_size,
+           sizeof result->region_voxel_size);
 }
 
 static void fill_info(const sgsi_density_result *result, int iteration, size_t gaussians,

@@ -65,7 +65,7 @@ static void put_records(void)
     for (int k = 1; k <= RECORDS; ++k) {
         const sgs_regions update = {.iteration = 100 * k,
                                     .grid = 4,
-                                    .cell = {1, 1, 1},
+                                    .voxel_size = {1, 1, 1},
                                     .count = REGIONS,
                                     .regions = regions};
         assert_true(region_file_append(folder.path, &update));
@@ -144,7 +144,7 @@ static void a_record_that_does_not_fit_is_removed(void **state)
     files_limited(4 * RECORD + HEADER + 10);
     const sgs_region regions[REGIONS] = {{.voxel = 1}, {.voxel = 2}, {.voxel = 7}};
     const sgs_regions update = {
-        .iteration = 500, .grid = 4, .cell = {1, 1, 1}, .count = REGIONS, .regions = regions};
+        .iteration = 500, .grid = 4, .voxel_size = {1, 1, 1}, .count = REGIONS, .regions = regions};
     catch_messages();
     const bool written = region_file_append(folder.path, &update);
     read_message();

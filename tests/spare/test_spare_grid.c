@@ -57,7 +57,7 @@ static void far_primitives_leave_the_others_one_voxel(void **state)
     void *memory;
     const spare_result result = evaluate(0, &memory);
     assert_int_equal(result.region_count, 3);
-    assert_true(result.cell[0] > 2e6 / GRID);
+    assert_true(result.voxel_size[0] > 2e6 / GRID);
     sgsi_free(memory);
 }
 
@@ -70,7 +70,7 @@ static void a_quantile_places_the_grid_where_most_primitives_are(void **state)
     assert_true(result.region_count > GRID * GRID * GRID / 2);
     for (int axis = 0; axis < 3; ++axis) {
         assert_true(result.low[axis] > -0.01 && result.low[axis] < 0.05);
-        assert_true(result.cell[axis] * GRID > 0.9 && result.cell[axis] * GRID < 1.01);
+        assert_true(result.voxel_size[axis] * GRID > 0.9 && result.voxel_size[axis] * GRID < 1.01);
     }
     for (size_t i = 0; i < FAR; ++i)
         assert_int_equal(result.regions[result.region_of[i]].voxel, i % 2 ? LAST_VOXEL : 0);
@@ -84,7 +84,7 @@ static void the_quantile_is_at_most_a_quarter(void **state)
     void *memory[2];
     const spare_result quarter = evaluate(0.25, &memory[0]), half = evaluate(0.5, &memory[1]);
     assert_memory_equal(quarter.low, half.low, sizeof quarter.low);
-    assert_true(quarter.cell[0] * GRID > 0.4 && quarter.cell[0] * GRID < 0.6);
+    assert_true(quarter.voxel_size[0] * GRID > 0.4 && quarter.voxel_size[0] * GRID < 0.6);
     sgsi_free(memory[0]);
     sgsi_free(memory[1]);
 }

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // One record per update, in host byte order (little-endian): "SGRG", iteration, grid, number of
-// regions (4 bytes each), corner and cell of the grid (6 doubles), then the regions as sgs_region.
+// regions (4 bytes each), corner and voxel size of the grid (6 doubles), then the regions as
+// sgs_region.
 
 #include "run/region_file.h"
 
@@ -21,7 +22,7 @@
 typedef struct record_header {
     char magic[4];
     uint32_t iteration, grid, count;
-    double low[3], cell[3];
+    double low[3], voxel_size[3];
 } record_header;
 
 static const char magic[4] = {'S', 'G', 'R', 'G'};
@@ -169,7 +170,7 @@ bool region_file_append(const char *folder, const sgs_regions *regions)
                             .count = (uint32_t)regions->count};
     memcpy(header.magic, magic, sizeof magic);
     memcpy(header.low, regions->low, sizeof header.low);
-    memcpy(header.cell, regions->cell, sizeof header.cell);
+    memcpy(header.voxel_size, regions->voxel_size, sizeof header.voxel_size);
     FILE *stream = fopen(path, "ab");
     const bool opened = stream != NULL;
     const long before = opened ? size_of(stream) : 0;
@@ -210,7 +211,7 @@ bool region_history_read(const char *folder, region_history *history)
                                 .count = header.count,
                                 .regions = list};
         memcpy(update->low, header.low, sizeof header.low);
-        memcpy(update->cell, header.cell, sizeof header.cell);
+        memcpy(update->voxel_size, header.voxel_size, sizeof header.voxel_size);
     }
     if (stream && complete && ftell(stream) < size_of(stream) && !feof(stream) &&
         !(is_header(&header) && is_cut(stream, &header))) {
@@ -239,7 +240,7 @@ uint32_t region_voxel(const sgs_regions *update, const double point[3], bool *in
     bool held = true;
     uint32_t voxel = 0;
     for (int k = 2; k >= 0; --k) {
-        const double at = floor((point[k] - update->low[k]) / update->cell[k]);
+        const double at = floor((point[k] - update->low[k]) / update->voxel_size[k]);
         held = held && at >= 0 && at < grid;
         voxel = voxel * grid + (uint32_t)fmin(fmax(at, 0), grid - 1);
     }

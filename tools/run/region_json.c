@@ -10,7 +10,7 @@ void region_center(const sgs_regions *update, uint32_t voxel, double center[3])
     const uint32_t grid = (uint32_t)update->grid,
                    at[3] = {voxel % grid, voxel / grid % grid, voxel / grid / grid};
     for (int k = 0; k < 3; ++k)
-        center[k] = update->low[k] + (at[k] + 0.5) * update->cell[k];
+        center[k] = update->low[k] + (at[k] + 0.5) * update->voxel_size[k];
 }
 
 json_t *region_json(const sgs_regions *update, const sgs_region *r)

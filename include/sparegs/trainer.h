@@ -305,7 +305,7 @@ typedef struct sgs_regions {
 
 typedef struct sgs_trainer sgs_trainer;
 
-// Estimate of the memory, in bytes, of a training of this scene with `gaussians` primitives; it
+// Estimate of the memory, in bytes, needed to train this scene with `gaussians` primitives; it
 // includes photos and the program itself and is not a bound. The scene's images need not be
 // loaded. image_cache as in sgs_scene_options, 0 = all photos in memory. options NULL = the
 // defaults. Returns 0 for options of an unknown size; cannot fail otherwise.
@@ -326,8 +326,8 @@ SGS_API size_t sgs_train_ray_limit(uint64_t memory);
 // (Embree), CANCELLED by options->progress, or as sgs_scene_photo does; *trainer is then NULL.
 SGS_API sgs_status sgs_trainer_create(const sgs_scene *scene, const sgs_train_options *options,
                                       sgs_trainer **trainer);
-// The same with *init, which may be NULL, in place of options->init. The trainer takes it over
-// instead of copying it, so that the model is in memory once, unless max_gaussians omits rows;
+// The same with *init, which may be NULL, in place of options->init. The trainer takes ownership of
+// it instead of copying it, so that the model is in memory once, unless max_gaussians omits rows;
 // *init is NULL afterwards, also after a failure.
 SGS_API sgs_status sgs_trainer_create_from(const sgs_scene *scene, const sgs_train_options *options,
                                            sgs_gaussians **init, sgs_trainer **trainer);
@@ -347,14 +347,14 @@ SGS_API sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
 // Also lowers the limit of the ray tables to sgs_train_ray_limit(bytes). Cannot fail.
 SGS_API void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t image_cache);
 
-// Memory that the process uses beside the training, for example for a viewer: `bytes`, and
+// Memory that the process uses besides training, for example for a viewer: `bytes`, and
 // `row_bytes` per primitive. It counts against the limit. 0 and 0 by default. Cannot fail.
-SGS_API void sgs_trainer_memory_beside_set(sgs_trainer *trainer, size_t bytes, size_t row_bytes);
+SGS_API void sgs_trainer_memory_reserve_set(sgs_trainer *trainer, size_t bytes, size_t row_bytes);
 
 // Limit of the memory for ray tables, bytes; initially sgs_train_ray_limit(0). A trainer keeps the
 // table of each different camera, about 10 bytes per pixel; beyond the limit, an iteration builds
 // the table of its view, which takes a noticeable fraction of its time. Applies from the next
-// iteration. Without influence on results. Cannot fail.
+// iteration. Does not affect results. Cannot fail.
 SGS_API void sgs_trainer_ray_limit_set(sgs_trainer *trainer, size_t bytes);
 
 // Runs one iteration. The last one sets info->stop; further calls fail with LIMIT. Structural

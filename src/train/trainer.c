@@ -640,10 +640,10 @@ void sgs_trainer_memory_limit_set(sgs_trainer *trainer, size_t bytes, size_t ima
     announce_limit(trainer);
 }
 
-void sgs_trainer_memory_beside_set(sgs_trainer *trainer, size_t bytes, size_t row_bytes)
+void sgs_trainer_memory_reserve_set(sgs_trainer *trainer, size_t bytes, size_t row_bytes)
 {
-    trainer->beside_bytes = bytes;
-    trainer->beside_row_bytes = row_bytes;
+    trainer->reserved_bytes = bytes;
+    trainer->reserved_row_bytes = row_bytes;
 }
 
 void sgs_trainer_ray_limit_set(sgs_trainer *trainer, size_t bytes)

@@ -64,7 +64,7 @@ struct sgs_trainer {
     bool update_refused;              // the last structural update would have exceeded memory_limit
     bool has_init;                    // it began from options.init
     size_t memory_limit, image_cache; // bytes; 0 = none
-    size_t beside_bytes, beside_row_bytes; // see sgs_trainer_memory_beside_set
+    size_t reserved_bytes, reserved_row_bytes; // see sgs_trainer_memory_reserve_set
     sgsi_train_progress progress;
     sgs_train_bytes bytes; // of this process, not of the checkpoint
     float *cloud_points;   // initial cloud

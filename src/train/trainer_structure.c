@@ -83,10 +83,10 @@ static bool own_memory_admits(const sgs_trainer *trainer, size_t count)
                                                       trainer->image_cache, count, ranks, rays),
                  current = sgs_train_memory_per_rank(trainer->scene, &options, trainer->image_cache,
                                                      before, ranks, rays);
-    const size_t beside = trainer->beside_bytes + count * trainer->beside_row_bytes,
+    const size_t reserved = trainer->reserved_bytes + count * trainer->reserved_row_bytes,
                  growth = (estimate > current ? estimate - current : 0) +
-                          (count - before) * trainer->beside_row_bytes;
-    return estimate + beside <= limit && sgs_rss_current() + copy + growth <= limit;
+                          (count - before) * trainer->reserved_row_bytes;
+    return estimate + reserved <= limit && sgs_rss_current() + copy + growth <= limit;
 }
 
 // With several ranks all call it, after the columns were gathered: they then know the same flags.

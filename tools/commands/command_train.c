@@ -163,9 +163,9 @@ static bool create_trainer(training *run)
     if (ready && run->values.max_memory)
         sgs_trainer_memory_limit_set(run->trainer, (size_t)run->values.max_memory,
                                      (size_t)run->data.cache_bytes);
-    const memory_beside view = memory_of_view(&run->values);
+    const memory_reserve view = memory_of_view(&run->values);
     if (ready)
-        sgs_trainer_memory_beside_set(run->trainer, view.bytes, view.row_bytes);
+        sgs_trainer_memory_reserve_set(run->trainer, view.bytes, view.row_bytes);
     return ready;
 }
 

@@ -46,7 +46,7 @@ bool training_save(training *run)
     run->memory_estimate = sgs_train_memory_per_rank(
         run->scene, options, (size_t)run->data.cache_bytes, most, group_count(),
         sgs_train_ray_limit(memory_of_process(run->values.max_memory)));
-    const memory_beside view = memory_of_view(&run->values);
+    const memory_reserve view = memory_of_view(&run->values);
     run->memory_estimate += view.bytes + most * view.row_bytes;
     run->traffic = group_traffic();
     if (sgs_trainer_hash(run->trainer, run->hash)) {

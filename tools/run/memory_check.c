@@ -45,15 +45,15 @@ static int distinct_digits(double a, double b)
     return digits;
 }
 
-memory_beside memory_of_view(const train_values *values)
+memory_reserve memory_of_view(const train_values *values)
 {
     // Per primitive: parameters, 184 for tracing and BVH, and room for growth. Fixed: ray tables
     // (VIEWER_RAY_BYTES), planes and pictures of a page; per thread as in training.
     enum { VIEW_ROW_BYTES = 460, VIEW_BYTES = 190000000, VIEW_THREAD_BYTES = 6000000 };
     if (!values->view || !group_leads())
-        return (memory_beside){0};
-    return (memory_beside){VIEW_BYTES + (size_t)sgs_threads_get() * VIEW_THREAD_BYTES,
-                           VIEW_ROW_BYTES};
+        return (memory_reserve){0};
+    return (memory_reserve){VIEW_BYTES + (size_t)sgs_threads_get() * VIEW_THREAD_BYTES,
+                            VIEW_ROW_BYTES};
 }
 
 uint64_t memory_of_process(uint64_t max_memory)
@@ -65,7 +65,7 @@ uint64_t memory_of_process(uint64_t max_memory)
 }
 
 bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size_t image_cache,
-                  size_t count, memory_beside beside, uint64_t max_memory)
+                  size_t count, memory_reserve reserve, uint64_t max_memory)
 {
     const int ranks = group_count();
     const int neighbours = group_machine_ranks();
@@ -73,10 +73,10 @@ bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size
     const size_t rays = sgs_train_ray_limit(memory);
     const double without =
         (double)(sgs_train_memory_per_rank(scene, options, image_cache, 0, ranks, rays) +
-                 beside.bytes);
+                 reserve.bytes);
     const double required =
         (double)(sgs_train_memory_per_rank(scene, options, image_cache, count, ranks, rays) +
-                 beside.bytes + count * beside.row_bytes);
+                 reserve.bytes + count * reserve.row_bytes);
     const double limit = (double)memory;
     if (required <= limit)
         return true;
@@ -90,7 +90,7 @@ bool memory_check(const sgs_scene *scene, const sgs_train_options *options, size
              "--max-gaussians, use --downscale%s%s",
              scene->path, digits, required / 0x1p30, digits, without / 0x1p30, count, digits,
              (required - without) / 0x1p30, name, digits, limit / 0x1p30,
-             beside.bytes ? ", omit --view" : "",
+             reserve.bytes ? ", omit --view" : "",
              max_memory ? "" : ", or allow it with a larger --max-memory");
     free(name);
     return false;

@@ -82,7 +82,7 @@ bool pause_watch_expires(pause_watch *watch, int pages, double now)
 static void set_paused(training_view *view, bool paused, const char *note)
 {
     pthread_mutex_lock(&view->lock);
-    atomic_store(&view->session.artist.share, paused ? 1 : view->share);
+    atomic_store(&view->session.render.share, paused ? 1 : view->share);
     const bool changes = atomic_exchange(&view->paused, paused) != paused;
     pthread_mutex_unlock(&view->lock);
     if (changes)

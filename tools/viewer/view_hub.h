@@ -44,7 +44,7 @@ typedef struct view_client {
     int job_count;
     uint32_t frame, seen; // number of the last picture sent, and displayed
 
-    // Drawing; see view_artist.c.
+    // Drawing; see view_render_thread.c.
     double scale, next_scale; // of a moving picture; of the next one, 0 = none
     double pixel_seconds;     // measured cost, 0 = unknown
     view_request drawn;       // shown last, at drawn_scale
@@ -71,7 +71,7 @@ typedef struct view_hub {
 void view_hub_open(view_hub *hub, const camera_list *views);
 // Ends the senders. All clients must have left.
 void view_hub_close(view_hub *hub);
-// Wakes the artist and the senders for the end of the server.
+// Wakes the render thread and the senders for the end of the server.
 void view_hub_stop(view_hub *hub);
 
 // NULL if HUB_CLIENTS are connected, or no thread can be started.
@@ -89,7 +89,7 @@ bool view_hub_post(view_client *client, bool binary, const void *head, size_t he
 void view_hub_post_json(view_client *client, json_t *root);
 // Queues JSON text for all clients. Steals the reference. Takes the lock.
 void view_hub_broadcast(view_hub *hub, json_t *root);
-// Wakes the artist: the source has a new model.
+// Wakes the render thread: the source has a new model.
 void view_hub_wake(view_hub *hub);
 // True after view_hub_stop. Takes the lock.
 bool view_hub_is_stopping(view_hub *hub);

@@ -64,12 +64,12 @@ bool view_session_start(view_session *session, const view_session_options *optio
     session->hub.greet_context = session;
     session->hub.act = session->act;
     session->hub.act_context = session->run_context;
-    session->artist.hub = &session->hub;
-    session->artist.source = &session->source;
-    session->artist.history = history;
-    session->artist.context = session;
-    session->artist.is_live = options->training;
-    atomic_store(&session->artist.share, options->share);
+    session->render.hub = &session->hub;
+    session->render.source = &session->source;
+    session->render.history = history;
+    session->render.context = session;
+    session->render.is_live = options->training;
+    atomic_store(&session->render.share, options->share);
     if (!choose_token(session, options))
         return false;
     const view_server_options server = {.address = options->address,
@@ -77,7 +77,7 @@ bool view_session_start(view_session *session, const view_session_options *optio
                                         .hub = &session->hub,
                                         .source = &session->source};
     session->server = view_server_start(&server);
-    return session->server && view_artist_start(&session->artist);
+    return session->server && view_render_thread_start(&session->render);
 }
 
 void view_session_print(const view_session *session)
@@ -91,7 +91,7 @@ void view_session_stop(view_session *session)
     if (!session->hub.views)
         return;
     view_hub_stop(&session->hub);
-    view_artist_join(&session->artist);
+    view_render_thread_join(&session->render);
     view_server_stop(session->server);
     session->server = NULL;
     view_hub_close(&session->hub);

@@ -2,15 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// A running viewer: source, connected pages, drawing thread and server.
+// A running viewer: source, connected pages, render thread and server.
 
-#include "viewer/view_artist.h"
+#include "viewer/view_render_thread.h"
 #include "viewer/view_server.h"
 
 typedef struct view_session {
     view_source source;
     view_hub hub;
-    view_artist artist;
+    view_render_thread render;
     view_server *server;
     char token[TOKEN_MAXIMUM + 1]; // "" = none
     bool training;
@@ -25,7 +25,7 @@ typedef struct view_session_options {
     // Valid or "random"; NULL: that of SPAREGS_TOKEN, without it random for an address other than
     // the loopback, else none.
     const char *token;
-    double share;  // see view_artist.h
+    double share;  // see view_render_thread.h
     bool training; // the model is replaced by view_source_offer
 } view_session_options;
 

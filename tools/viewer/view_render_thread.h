@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The drawing thread: decides which page gets the next picture and at which size, draws it and
+// The render thread: decides which page gets the next picture and at which size, draws it and
 // hands it to the hub.
 //
 // While a camera moves, the size follows the measured cost so that pictures take about
@@ -12,7 +12,7 @@
 #include "viewer/view_hub.h"
 #include "viewer/view_painter.h"
 
-typedef struct view_artist {
+typedef struct view_render_thread {
     view_hub *hub;
     view_source *source;
     pthread_t thread;
@@ -24,15 +24,15 @@ typedef struct view_artist {
     _Atomic double share;
     bool is_live; // the model is replaced from time to time
 
-    // Of the drawing thread.
+    // Of the render thread.
     view_painter painter;
     double copied;    // time of the last copy of the model
     uint64_t version; // of the model drawn last
     double slice;     // start of the current stretch of work
     double owed;      // seconds to sleep for the share
-} view_artist;
+} view_render_thread;
 
 // Set hub, source, history, share and is_live first. False after printing the error.
-bool view_artist_start(view_artist *artist);
+bool view_render_thread_start(view_render_thread *render);
 // Waits for the thread; call view_hub_stop before.
-void view_artist_join(view_artist *artist);
+void view_render_thread_join(view_render_thread *render);

@@ -9,7 +9,7 @@
 // With a share below 1 the thread sleeps after each stretch of work of length s for s (1 / share -
 // 1), inside of large pictures too.
 
-#include "viewer/view_artist.h"
+#include "viewer/view_render_thread.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -28,13 +28,13 @@
 #define COPY_SECONDS 1.0 // at least, between two copies of the model
 enum { QUALITY_MOVING = 75, QUALITY_REST = 90 };
 
-typedef struct artist_task {
+typedef struct render_task {
     view_client *client;
     uint32_t generation, changes;
     view_request request;
     view_message job; // MESSAGE_INVALID: a picture
     double scale;
-} artist_task;
+} render_task;
 
 // ---- The share of the time ----
 
@@ -44,28 +44,28 @@ static struct timespec deadline(double seconds)
 }
 
 // True if the picture of the task is not required any more. With the hub's lock held.
-static bool is_obsolete(const view_artist *artist, const artist_task *task)
+static bool is_obsolete(const view_render_thread *render, const render_task *task)
 {
-    return artist->hub->stopping || task->client->changes != task->changes ||
+    return render->hub->stopping || task->client->changes != task->changes ||
            task->client->generation != task->generation;
 }
 
 // Sleeps for what the work since the last call and earlier work owe. Returns early, and still owes
 // the rest, when `task` becomes obsolete (NULL: never).
-static void keep_share(view_artist *artist, const artist_task *task)
+static void keep_share(view_render_thread *render, const render_task *task)
 {
-    view_hub *hub = artist->hub;
-    const double share = atomic_load(&artist->share), now = clock_seconds();
-    artist->owed = share < 1 ? fmin(artist->owed + (now - artist->slice) * (1 / share - 1), 10) : 0;
-    const double end = now + artist->owed;
+    view_hub *hub = render->hub;
+    const double share = atomic_load(&render->share), now = clock_seconds();
+    render->owed = share < 1 ? fmin(render->owed + (now - render->slice) * (1 / share - 1), 10) : 0;
+    const double end = now + render->owed;
     const struct timespec until = deadline(end);
     pthread_mutex_lock(&hub->lock);
-    while (!hub->stopping && clock_seconds() < end && atomic_load(&artist->share) < 1 &&
-           !(task && is_obsolete(artist, task)))
+    while (!hub->stopping && clock_seconds() < end && atomic_load(&render->share) < 1 &&
+           !(task && is_obsolete(render, task)))
         pthread_cond_timedwait(&hub->work, &hub->lock, &until);
     pthread_mutex_unlock(&hub->lock);
-    artist->slice = clock_seconds();
-    artist->owed = fmax(end - artist->slice, 0);
+    render->slice = clock_seconds();
+    render->owed = fmax(end - render->slice, 0);
 }
 
 // ---- What to draw next; with the hub's lock held ----
@@ -79,7 +79,7 @@ static bool others_move(const view_hub *hub, const view_client *client, double n
 }
 
 // The scale of the client's next picture; 0 if none is due.
-static double due_scale(const view_artist *artist, const view_client *client, double now)
+static double due_scale(const view_render_thread *render, const view_client *client, double now)
 {
     if (!client->used || client->leaving || client->broken || !client->has_request ||
         !(client->next_scale > 0) || client->frame - client->seen >= HUB_UNSEEN)
@@ -89,28 +89,28 @@ static double due_scale(const view_artist *artist, const view_client *client, do
         return client->scale;
     double scale = client->next_scale;
     // Do not repeat what the page shows already.
-    if (client->drawn_version == artist->version &&
+    if (client->drawn_version == render->version &&
         view_request_same(&client->drawn, &client->request) && client->drawn.moving &&
         scale <= client->drawn_scale && client->drawn_scale < 1)
         scale = fmin(1, STEP * client->drawn_scale);
-    if (others_move(artist->hub, client, now) &&
+    if (others_move(render->hub, client, now) &&
         client->pixel_seconds * pixels * scale * scale > PATIENCE)
         return 0;
     return scale;
 }
 
-static bool find_task(view_artist *artist, artist_task *task)
+static bool find_task(view_render_thread *render, render_task *task)
 {
-    view_hub *hub = artist->hub;
+    view_hub *hub = render->hub;
     const double now = clock_seconds();
     for (uint32_t i = 1; i <= HUB_CLIENTS; ++i) {
         view_client *client = &hub->clients[(hub->turn + i) % HUB_CLIENTS];
         const bool has_job =
             client->used && !client->leaving && client->job_count && client->queued < HUB_QUEUE / 2;
-        const double scale = due_scale(artist, client, now);
+        const double scale = due_scale(render, client, now);
         if (!has_job && !(scale > 0))
             continue;
-        *task = (artist_task){.client = client,
+        *task = (render_task){.client = client,
                               .generation = client->generation,
                               .changes = client->changes,
                               .request = client->request,
@@ -129,35 +129,35 @@ static bool find_task(view_artist *artist, artist_task *task)
 }
 
 // A new copy of the model: all pages at rest are drawn again, at the size that they show.
-static void renew(view_artist *artist)
+static void renew(view_render_thread *render)
 {
-    const uint64_t version = atomic_load(&artist->source->version);
-    if (version == artist->version)
+    const uint64_t version = atomic_load(&render->source->version);
+    if (version == render->version)
         return;
-    artist->version = version;
-    artist->copied = clock_seconds();
+    render->version = version;
+    render->copied = clock_seconds();
     for (int i = 0; i < HUB_CLIENTS; ++i) {
-        view_client *client = &artist->hub->clients[i];
+        view_client *client = &render->hub->clients[i];
         if (client->used && client->has_request && !client->request.moving)
             client->next_scale = client->drawn_scale > 0 ? client->drawn_scale : client->scale;
     }
 }
 
-static bool next_task(view_artist *artist, artist_task *task)
+static bool next_task(view_render_thread *render, render_task *task)
 {
-    view_hub *hub = artist->hub;
+    view_hub *hub = render->hub;
     bool found = false;
     pthread_mutex_lock(&hub->lock);
     while (!hub->stopping && !found) {
         bool any = false;
         for (int i = 0; i < HUB_CLIENTS; ++i)
             any = any || hub->clients[i].used;
-        if (artist->is_live) {
-            renew(artist);
-            if (any && clock_seconds() - artist->copied > COPY_SECONDS)
-                atomic_store(&artist->source->wanted, true);
+        if (render->is_live) {
+            renew(render);
+            if (any && clock_seconds() - render->copied > COPY_SECONDS)
+                atomic_store(&render->source->wanted, true);
         }
-        found = find_task(artist, task);
+        found = find_task(render, task);
         if (found)
             break;
         const struct timespec until = deadline(clock_seconds() + (any ? 0.1 : 1));
@@ -170,19 +170,19 @@ static bool next_task(view_artist *artist, artist_task *task)
 // ---- Pictures ----
 
 typedef struct band_context {
-    view_artist *artist;
-    const artist_task *task;
+    view_render_thread *render;
+    const render_task *task;
 } band_context;
 
 // Between bands: false if the picture is not required any more.
 static bool continue_picture(void *user, size_t done, size_t total)
 {
     const band_context *context = user;
-    view_hub *hub = context->artist->hub;
+    view_hub *hub = context->render->hub;
     if (done < total)
-        keep_share(context->artist, context->task);
+        keep_share(context->render, context->task);
     pthread_mutex_lock(&hub->lock);
-    const bool obsolete = is_obsolete(context->artist, context->task);
+    const bool obsolete = is_obsolete(context->render, context->task);
     pthread_mutex_unlock(&hub->lock);
     return !obsolete;
 }
@@ -193,10 +193,10 @@ static int scaled(int size, double scale)
     return result < 1 ? 1 : result;
 }
 
-static json_t *frame_json(const view_artist *artist, const artist_task *task,
+static json_t *frame_json(const view_render_thread *render, const render_task *task,
                           const painted_picture *picture, double seconds, bool lossless)
 {
-    const view_source *source = artist->source;
+    const view_source *source = render->source;
     json_t *head = json_pack("{s:I,s:i,s:i,s:i,s:i,s:b,s:s,s:s,s:i,s:I,s:f}", "serial",
                              (json_int_t)task->request.serial, "width", picture->image.width,
                              "height", picture->image.height, "full_width",
@@ -235,7 +235,7 @@ static bool post_picture(view_client *client, json_t *head, const encoded_pictur
 }
 
 // Adapts the scales after a picture that took `seconds`.
-static void learn(const view_artist *artist, view_client *client, const artist_task *task,
+static void learn(const view_render_thread *render, view_client *client, const render_task *task,
                   double seconds, bool first)
 {
     const double pixels = (double)task->request.camera.width * task->request.camera.height *
@@ -243,8 +243,8 @@ static void learn(const view_artist *artist, view_client *client, const artist_t
     int movers = 0;
     for (int i = 0; i < HUB_CLIENTS; ++i)
         movers +=
-            artist->hub->clients[i].used && clock_seconds() - artist->hub->clients[i].moved < 1;
-    const double share = atomic_load(&artist->share);
+            render->hub->clients[i].used && clock_seconds() - render->hub->clients[i].moved < 1;
+    const double share = atomic_load(&render->share);
     const double target = MOVING_SECONDS * fmax(share, 0.25) / (movers > 1 ? movers : 1);
     client->pixel_seconds = seconds / pixels;
     if (!first) {
@@ -255,7 +255,7 @@ static void learn(const view_artist *artist, view_client *client, const artist_t
     }
     client->drawn = task->request;
     client->drawn_scale = task->scale;
-    client->drawn_version = artist->version;
+    client->drawn_version = render->version;
     if (client->changes != task->changes)
         return;
     if (task->request.moving)
@@ -265,7 +265,7 @@ static void learn(const view_artist *artist, view_client *client, const artist_t
 }
 
 // After a failure: a larger picture, since a wide lens requires a minimum of pixels, or the error.
-static void retry(view_client *client, const artist_task *task)
+static void retry(view_client *client, const render_task *task)
 {
     client->next_scale = 0;
     if (task->scale < 1)
@@ -275,43 +275,43 @@ static void retry(view_client *client, const artist_task *task)
                            json_pack("{s:s,s:s}", "type", "error", "text", sgs_last_error()));
 }
 
-static void draw_picture(view_artist *artist, const artist_task *task, bool built)
+static void draw_picture(view_render_thread *render, const render_task *task, bool built)
 {
-    view_source *source = artist->source;
+    view_source *source = render->source;
     view_client *client = task->client;
     const view_request *request = &task->request;
     const bool full = !request->moving && task->scale >= 1,
-               lossless = full && !(artist->is_live && atomic_load(&artist->share) < 1);
+               lossless = full && !(render->is_live && atomic_load(&render->share) < 1);
     const int width = scaled(request->camera.width, fmin(task->scale, 1)),
               height = scaled(request->camera.height, fmin(task->scale, 1));
-    band_context context = {artist, task};
+    band_context context = {render, task};
     painted_picture picture;
     encoded_picture encoded = {0};
     const double start = clock_seconds();
     pthread_mutex_lock(&source->lock);
     bool done =
-        view_painter_draw(&artist->painter, request, width, height, full ? request->samples : 1,
+        view_painter_draw(&render->painter, request, width, height, full ? request->samples : 1,
                           request->moving ? NULL : continue_picture, &context, &picture);
     json_t *head = NULL;
     if (done) {
         done = lossless ? encode_png(&picture.image, &encoded)
                         : encode_jpeg(&picture.image,
                                       request->moving ? QUALITY_MOVING : QUALITY_REST, &encoded);
-        head = frame_json(artist, task, &picture, clock_seconds() - start, lossless);
+        head = frame_json(render, task, &picture, clock_seconds() - start, lossless);
         sgs_image8_free(&picture.image);
     }
     pthread_mutex_unlock(&source->lock);
     const double seconds = clock_seconds() - start;
-    pthread_mutex_lock(&artist->hub->lock);
+    pthread_mutex_lock(&render->hub->lock);
     if (client->generation == task->generation && client->used) {
         if (done) {
             if (post_picture(client, head, &encoded))
-                learn(artist, client, task, seconds, built);
-        } else if (!is_obsolete(artist, task)) {
+                learn(render, client, task, seconds, built);
+        } else if (!is_obsolete(render, task)) {
             retry(client, task);
         }
     }
-    pthread_mutex_unlock(&artist->hub->lock);
+    pthread_mutex_unlock(&render->hub->lock);
     json_decref(head);
     encoded_picture_free(&encoded);
 }
@@ -341,10 +341,10 @@ static json_t *region_records(view_source *source, uint32_t voxel)
                      list);
 }
 
-static json_t *save_exr(view_artist *artist, const artist_task *task)
+static json_t *save_exr(view_render_thread *render, const render_task *task)
 {
     char *path;
-    const bool done = view_painter_exr(&artist->painter, &task->request, &path);
+    const bool done = view_painter_exr(&render->painter, &task->request, &path);
     const char *error =
         path ? sgs_last_error()
              : "all file names view_NNNN.exr are in use; move some of the files away";
@@ -354,79 +354,79 @@ static json_t *save_exr(view_artist *artist, const artist_task *task)
     return reply;
 }
 
-static json_t *crop_reply(const view_artist *artist, const artist_task *task)
+static json_t *crop_reply(const view_render_thread *render, const render_task *task)
 {
-    if (artist->is_live)
+    if (render->is_live)
         return json_pack("{s:s,s:s}", "type", "error", "text",
                          "the model of a running training cannot be cropped");
-    json_t *reply = crop_save(&task->request.crop, artist->source);
+    json_t *reply = crop_save(&task->request.crop, render->source);
     if (reply)
         return reply;
     const char *error = last_error_text();
     return json_pack("{s:s,s:o}", "type", "error", "text", json_message(error, strlen(error)));
 }
 
-static void answer(view_artist *artist, const artist_task *task)
+static void answer(view_render_thread *render, const render_task *task)
 {
-    view_source *source = artist->source;
+    view_source *source = render->source;
     const view_message *job = &task->job;
     const bool has_camera = task->request.camera.width > 0;
     json_t *reply = NULL;
     pthread_mutex_lock(&source->lock);
     if (job->type == MESSAGE_PROBE && has_camera)
-        reply = view_painter_probe(&artist->painter, &task->request, job->x, job->y);
+        reply = view_painter_probe(&render->painter, &task->request, job->x, job->y);
     else if (job->type == MESSAGE_RAY && has_camera)
         reply = ray_inspect(source, &task->request, job->x, job->y);
     else if (job->type == MESSAGE_EXR && has_camera)
-        reply = save_exr(artist, task);
+        reply = save_exr(render, task);
     else if (job->type == MESSAGE_CROP && has_camera)
-        reply = crop_reply(artist, task);
+        reply = crop_reply(render, task);
     pthread_mutex_unlock(&source->lock);
     if (job->type == MESSAGE_REGION)
         reply = region_records(source, job->number);
     else if (job->type == MESSAGE_HISTORY)
-        reply = artist->history(artist->context);
+        reply = render->history(render->context);
     if (!reply)
         reply = json_pack("{s:s,s:s}", "type", "error", "text", "the pixel is outside of the view");
-    pthread_mutex_lock(&artist->hub->lock);
+    pthread_mutex_lock(&render->hub->lock);
     if (task->client->generation == task->generation)
         view_hub_post_json(task->client, reply);
     else
         json_decref(reply);
-    pthread_mutex_unlock(&artist->hub->lock);
+    pthread_mutex_unlock(&render->hub->lock);
 }
 
 static void *draw_all(void *argument)
 {
-    view_artist *artist = argument;
-    artist_task task;
+    view_render_thread *render = argument;
+    render_task task;
     uint64_t built = UINT64_MAX; // the model whose BVH exists
-    while (next_task(artist, &task)) {
-        artist->slice = clock_seconds();
+    while (next_task(render, &task)) {
+        render->slice = clock_seconds();
         if (task.job.type != MESSAGE_INVALID) {
-            answer(artist, &task);
+            answer(render, &task);
         } else {
-            draw_picture(artist, &task, built != artist->version);
-            built = artist->version;
+            draw_picture(render, &task, built != render->version);
+            built = render->version;
         }
-        keep_share(artist, NULL);
+        keep_share(render, NULL);
     }
     return NULL;
 }
 
-bool view_artist_start(view_artist *artist)
+bool view_render_thread_start(view_render_thread *render)
 {
-    artist->painter.source = artist->source;
-    artist->running = !pthread_create(&artist->thread, NULL, draw_all, artist);
-    if (!artist->running)
+    render->painter.source = render->source;
+    render->running = !pthread_create(&render->thread, NULL, draw_all, render);
+    if (!render->running)
         fail_run("cannot start the rendering thread");
-    return artist->running;
+    return render->running;
 }
 
-void view_artist_join(view_artist *artist)
+void view_render_thread_join(view_render_thread *render)
 {
-    if (artist->running)
-        pthread_join(artist->thread, NULL);
-    artist->running = false;
-    view_painter_free(&artist->painter);
+    if (render->running)
+        pthread_join(render->thread, NULL);
+    render->running = false;
+    view_painter_free(&render->painter);
 }

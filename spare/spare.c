@@ -541,7 +541,7 @@ static void allocate(const spare_options *options, workspace *w, size_t count, d
 
 // Writes the weights and the mask (24), counts the redundant primitives, and replaces the voxels of
 // region_of by regions.
-static void judge(void *context, size_t slice)
+static void mark_redundant(void *context, size_t slice)
 {
     pass *p = context;
     const spare_options *options = p->options;
@@ -602,11 +602,11 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
         result->mean_weight = weight / total;
         result->over_budget_share = over / total;
     }
-    run_pass(&p, p.slices, judge);
+    run_pass(&p, p.slices, mark_redundant);
     result->redundant_count = p.redundant_count;
 }
 
-bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval)
+bool spare_pruning_in_cooldown(long iteration, long last_opacity_reset, long interval)
 {
     // An update at the iteration of the reset runs before the reset and is not affected.
     return last_opacity_reset >= 0 && iteration > last_opacity_reset &&

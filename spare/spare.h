@@ -98,7 +98,7 @@ void spare_evaluate(const spare_options *options, const spare_input *input, void
 
 // True during the cooldown of redundancy-aware pruning after an opacity reset: 0 < iteration -
 // reset <= interval (reset < 0: no reset yet).
-bool spare_pruning_rests(long iteration, long last_opacity_reset, long interval);
+bool spare_pruning_in_cooldown(long iteration, long last_opacity_reset, long interval);
 
 // Equilibrium-driven termination, Eq. 26.
 typedef struct spare_equilibrium {

@@ -34,7 +34,7 @@ typedef struct exposure_state {
 struct sgsi_exposure {
     size_t count;
     exposure_state *states;
-    float *mapped[3], *nothing;    // planes; `nothing` is 0
+    float *mapped[3], *zeros;      // planes; `zeros` is 0
     sgsi_cells cells;              // of the last image
     double (*sums)[SGSI_EXPOSURE]; // one per cell
     size_t sums_count;
@@ -46,7 +46,7 @@ void sgsi_exposure_destroy(sgsi_exposure *exposure)
     if (!exposure)
         return;
     sgsi_free(exposure->states);
-    sgsi_free(exposure->nothing); // first plane of the block
+    sgsi_free(exposure->zeros); // first plane of the block
     sgsi_cells_free(&exposure->cells);
     sgsi_free(exposure->sums);
     sgsi_free(exposure);
@@ -59,15 +59,15 @@ sgs_status sgsi_exposure_create(size_t count, size_t plane_floats, sgsi_exposure
     if (made) {
         made->count = count;
         made->states = sgsi_calloc(count, sizeof *made->states);
-        made->nothing = sgsi_calloc(plane_floats, 4 * sizeof(float));
+        made->zeros = sgsi_calloc(plane_floats, 4 * sizeof(float));
     }
-    if (!made || !made->states || !made->nothing) {
+    if (!made || !made->states || !made->zeros) {
         sgsi_exposure_destroy(made);
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                          "not enough memory for the exposure of %zu images", count);
     }
     for (size_t c = 0; c < 3; ++c)
-        made->mapped[c] = made->nothing + (c + 1) * plane_floats;
+        made->mapped[c] = made->zeros + (c + 1) * plane_floats;
     for (size_t i = 0; i < count; ++i)
         made->states[i].map[0] = made->states[i].map[5] = made->states[i].map[10] = 1;
     *exposure = made;
@@ -125,7 +125,7 @@ void sgsi_exposure_forward(sgsi_exposure *exposure, size_t index, sgsi_loss_inpu
     sgsi_parallel_for((size_t)input->height, 8, forward_row, &job);
     if (!has_alpha(input)) {
         input->alpha_transmittance = input->transmittance;
-        input->transmittance = exposure->nothing;
+        input->transmittance = exposure->zeros;
     }
     for (int c = 0; c < 3; ++c)
         input->color[c] = exposure->mapped[c];

@@ -133,7 +133,7 @@ static sgsi_density_options density_options(sgs_trainer *trainer, int iteration,
     const bool final_prune = !sgsi_schedule_is_structural(schedule, iteration);
     const bool regulates = !final_prune || sgsi_schedule_is_thinning(schedule, iteration);
     const bool rests =
-        spare_pruning_rests(iteration, progress->last_reset, schedule->densify_interval);
+        spare_pruning_in_cooldown(iteration, progress->last_reset, schedule->densify_interval);
     return (sgsi_density_options){
         .train = o,
         .state = &progress->pipeline,

@@ -16,12 +16,12 @@
 static void pruning_rests_after_a_reset_for_one_interval(void **state)
 {
     (void)state;
-    assert_false(spare_pruning_rests(600, -1, 100));
-    assert_false(spare_pruning_rests(3000, 3000, 100));
-    assert_true(spare_pruning_rests(3001, 3000, 100));
-    assert_true(spare_pruning_rests(3100, 3000, 100));
-    assert_false(spare_pruning_rests(3101, 3000, 100));
-    assert_true(spare_pruning_rests(100, 0, 100));
+    assert_false(spare_pruning_in_cooldown(600, -1, 100));
+    assert_false(spare_pruning_in_cooldown(3000, 3000, 100));
+    assert_true(spare_pruning_in_cooldown(3001, 3000, 100));
+    assert_true(spare_pruning_in_cooldown(3100, 3000, 100));
+    assert_false(spare_pruning_in_cooldown(3101, 3000, 100));
+    assert_true(spare_pruning_in_cooldown(100, 0, 100));
 }
 
 enum { VIEWS = 5, MAX_VIEWS = 200 };

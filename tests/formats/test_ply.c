@@ -456,7 +456,7 @@ static void ply_reads_a_zero_quaternion_as_no_rotation(void **state)
     temp_folder_remove(&folder);
 }
 
-static void ply_mentions_bytes_behind_the_last_vertex(void **state)
+static void ply_warns_of_trailing_bytes(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
@@ -516,7 +516,7 @@ int main(void)
         cmocka_unit_test(ply_reads_infinite_logits_as_opaque_and_transparent),
         cmocka_unit_test(ply_drops_rows_that_are_not_finite),
         cmocka_unit_test(ply_reads_a_zero_quaternion_as_no_rotation),
-        cmocka_unit_test(ply_mentions_bytes_behind_the_last_vertex),
+        cmocka_unit_test(ply_warns_of_trailing_bytes),
         cmocka_unit_test(ply_write_failure_keeps_the_old_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -178,7 +178,7 @@ static void few_photos_are_decoded_in_each_pass(void **state)
     }
 }
 
-static void a_training_decodes_few_photos(void **state)
+static void training_rarely_redecodes_photos(void **state)
 {
     (void)state;
     sgs_scene *scene = load_room(share_of_room(0.5));
@@ -381,7 +381,7 @@ int main(void)
         cmocka_unit_test(the_decoding_thread_blocks_signals),
         cmocka_unit_test(cache_smaller_than_one_photo_works),
         cmocka_unit_test(few_photos_are_decoded_in_each_pass),
-        cmocka_unit_test(a_training_decodes_few_photos),
+        cmocka_unit_test(training_rarely_redecodes_photos),
         cmocka_unit_test(photos_that_are_not_used_any_more_are_evicted),
         cmocka_unit_test(the_first_photos_stay_after_loading),
         cmocka_unit_test(several_threads_decode),

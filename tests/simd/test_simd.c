@@ -392,7 +392,7 @@ static void compressed_lanes_keep_their_order_and_narrow_ones_their_value(void *
 
 // Compared with the definition by counting; keys with many ties, nearly sorted keys and random
 // keys.
-static void ranks_count_what_stands_before(void **state)
+static void rank_is_number_of_smaller_lanes(void **state)
 {
     (void)state;
     enum { MAX_COUNT = 400 };
@@ -523,7 +523,7 @@ int main(void)
         cmocka_unit_test(masks_are_sixteen_bits),
         cmocka_unit_test(integers_wrap_shift_and_round_to_even),
         cmocka_unit_test(compressed_lanes_keep_their_order_and_narrow_ones_their_value),
-        cmocka_unit_test(ranks_count_what_stands_before),
+        cmocka_unit_test(rank_is_number_of_smaller_lanes),
         cmocka_unit_test(bytes_become_floats_at_any_address),
         cmocka_unit_test(sums_follow_the_documented_tree_to_the_bit),
         cmocka_unit_test(transpose_moves_every_lane_to_its_place),

@@ -554,7 +554,7 @@ static void median_of_an_even_number_is_the_middle_mean(void **state)
     free_fixture(&f);
 }
 
-static void mask_is_strict_in_every_condition(void **state)
+static void redundancy_tests_use_strict_inequalities(void **state)
 {
     (void)state;
     // One region: the quota equals the count, so nothing is over budget or redundant.
@@ -780,7 +780,7 @@ int main(void)
         cmocka_unit_test(three_regions_match_hand_computation),
         cmocka_unit_test(ties_share_the_mean_rank),
         cmocka_unit_test(median_of_an_even_number_is_the_middle_mean),
-        cmocka_unit_test(mask_is_strict_in_every_condition),
+        cmocka_unit_test(redundancy_tests_use_strict_inequalities),
         cmocka_unit_test(every_layout_matches_the_slow_reading),
         cmocka_unit_test(ablations_match_the_slow_reading),
         cmocka_unit_test(comparison_catches_planted_errors),

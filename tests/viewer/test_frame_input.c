@@ -198,7 +198,7 @@ static void messages_have_up_to_64_kib_in_any_number_of_frames(void **state)
     free(text);
 }
 
-static void any_bytes_end_in_messages_of_bounded_size_or_a_refusal(void **state)
+static void arbitrary_input_yields_bounded_messages_or_an_error(void **state)
 {
     (void)state;
     uint64_t random = 1;
@@ -238,7 +238,7 @@ int main(void)
         cmocka_unit_test(a_part_is_announced),
         cmocka_unit_test(forbidden_frames_are_refused_by_their_head),
         cmocka_unit_test(messages_have_up_to_64_kib_in_any_number_of_frames),
-        cmocka_unit_test(any_bytes_end_in_messages_of_bounded_size_or_a_refusal),
+        cmocka_unit_test(arbitrary_input_yields_bounded_messages_or_an_error),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -27,7 +27,7 @@ static const sgs_aov table[] = {
      .channels = 1,
      .filter = SGS_AOV_FILTER_NORMALIZED,
      PLANES(depth_mean),
-     .help = "mean distance of the hits, weighted by their contribution"},
+     .help = "mean distance of the hits, weighted by their blending weights"},
     {.name = "depth_median",
      .bit = SGS_AOV_DEPTH_MEDIAN,
      .channels = 1,
@@ -72,7 +72,7 @@ static const sgs_aov table[] = {
      .type = SGS_AOV_TYPE_COUNT,
      .filter = SGS_AOV_FILTER_NEAREST,
      PLANES(candidates),
-     .help = "number of primitives that may hit the pixel's tile of 16x16 pixels"},
+     .help = "number of primitives that rays of the pixel's tile of 16x16 pixels may hit"},
 };
 
 const sgs_aov *sgs_aov_descriptors(size_t *count)

@@ -154,8 +154,8 @@ static const sgs_train_option table[] = {
      .low = -1,
      .high = 1,
      .values = "W",
-     .initial_text = "-1 = automatic: 0.2; 3dgs, mip, fastgs: up to 0.4 in short runs with "
-                     "high-resolution images",
+     .initial_text = "-1 = automatic: 0.2; 3dgs, mip, fastgs: up to 0.4 below 30,000 iterations "
+                     "on images above 0.13 megapixels",
      .help = "weight of 1 - SSIM in the loss; the remaining weight is that of L1",
      .group = training,
      ALL_PIPELINES},
@@ -164,8 +164,8 @@ static const sgs_train_option table[] = {
      FIELD(ssim_sigma),
      .high = 3,
      .values = "S",
-     .initial_text = "0 = automatic: 1.5; 3dgs, mip, fastgs: down to 1 in short runs with "
-                     "high-resolution images",
+     .initial_text = "0 = automatic: 1.5; 3dgs, mip, fastgs: down to 1 below 30,000 iterations on "
+                     "images above 0.13 megapixels",
      .help = "standard deviation of the SSIM window in the loss, in pixels",
      .group = training,
      ALL_PIPELINES},

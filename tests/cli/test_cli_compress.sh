@@ -208,7 +208,7 @@ for name in model.sog model.splat model.ksplat model.ply model.ghap; do
     run 0 compress "$model" -o "$temporary/$name" --method fcgs-like
     case $name in
         *.ghap) check no_warning bash -c "! grep 'will be a compressed model' '$temporary/stderr'" ;;
-        *) reports "$name: will be a compressed model of sparegs, not a .${name#*.} file; to write one, use 'sparegs convert'" ;;
+        *) reports "$name: compress writes sparegs's own container, not .${name#*.}; use 'sparegs convert' for .${name#*.}" ;;
     esac
     run 0 info "$temporary/$name" --json
     json "$temporary/stdout" '.format == "compressed"'

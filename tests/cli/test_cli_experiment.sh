@@ -189,7 +189,7 @@ if grep -oE '(src|href)="?https?://[^" ]*' "$folder/out/report.html"; then echo 
 "$SPAREGS_PROGRAM" explain "$lost" --top 100000 --json >"$folder/explain.json"
 jq -e '([.regions[].count] | add) as $n | ([.regions[].quota] | add) as $q | $n > 100 and ($q / $n - 1 | fabs) < 1e-3' "$folder/explain.json" >/dev/null
 point=$(jq -r '.regions[0].center | map(tostring) | join(",")' "$folder/explain.json")
-"$SPAREGS_PROGRAM" explain "$lost" --region="$point" | grep -q 'over budget\|under budget'
+"$SPAREGS_PROGRAM" explain "$lost" --region="$point" | grep -q 'over quota\|under quota'
 if "$SPAREGS_PROGRAM" explain "$folder/out/runs/room/3dgs/off/seed_0" 2>"$folder/error"; then echo "FAIL: explained nothing"; exit 1; fi
 grep -q -- "--spare on" "$folder/error"
 if "$SPAREGS_PROGRAM" explain "$folder" 2>/dev/null; then echo "FAIL: explained a folder"; exit 1; fi

@@ -54,7 +54,8 @@ for map in hits block_hits tile_candidates tile_cost; do
 done
 
 run 0 profile "$model" "$room" --orbit 2 --repeat 1 --samples 8 --threads 1
-prints "Build quality:"
+prints "Build quality for training: "
+prints ". For a fixed model: "
 prints "Rebuild:"
 prints "Dominant phase:"
 run 1 profile "$model" "$room" --view nothing

@@ -53,7 +53,7 @@ if is_long; then
     idle=$training
     wait_for '^100,' "$temporary/idle/train.csv"
     page action pause leave
-    wait_for 'paused by the viewer; Ctrl-C saves and ends' "$temporary/idle.err"
+    wait_for 'paused from the viewer; press Ctrl-C to save and quit' "$temporary/idle.err"
     page action continue leave
     page action pause leave
     paused_at=$(date +%s)
@@ -122,13 +122,13 @@ if is_long; then # the pause from above
     if [ $(($(date +%s) - paused_at)) -lt 50 ]; then
         check a_pause_holds_without_its_page bash -c "sleep 2; test $before = \"\$(tail -1 '$temporary/idle/train.csv' | cut -d, -f1)\""
     fi
-    wait_for 'continued: no page has been open for a minute' "$temporary/idle.err" 2400
+    wait_for 'resumed: no page has been open for a minute' "$temporary/idle.err" 2400
     wait_for "^$((before + 100))," "$temporary/idle/train.csv"
     check it_continues_by_itself grep -q "^$((before + 100))," "$temporary/idle/train.csv"
     kill -INT "$training"
     ends 130
-    check notes_in_order test "$(grep -oE '^sparegs: (paused|continued)[a-z: ]*' "$temporary/idle.err" | tr '\n' '|')" = \
-        'sparegs: paused by the viewer|sparegs: continued by the viewer|sparegs: paused by the viewer|sparegs: continued: no page has been open for a minute|'
+    check notes_in_order test "$(grep -oE '^sparegs: (paused|resumed)[a-z: ]*' "$temporary/idle.err" | tr '\n' '|')" = \
+        'sparegs: paused from the viewer|sparegs: resumed from the viewer|sparegs: paused from the viewer|sparegs: resumed: no page has been open for a minute|'
 fi
 
 # the_line_on_a_terminal_says_that_it_is_paused

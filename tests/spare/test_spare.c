@@ -557,14 +557,14 @@ static void median_of_an_even_number_is_the_middle_mean(void **state)
 static void redundancy_tests_use_strict_inequalities(void **state)
 {
     (void)state;
-    // One region: the quota equals the count, so nothing is over budget or redundant.
+    // One region: the quota equals the count, so nothing is over quota or redundant.
     fixture f = make_fixture(4);
     spare_options options = spare_options_default();
     evaluate(&f, &options);
     assert_int_equal(f.result.region_count, 1);
     assert_true(f.result.regions[0].quota == 4.0 && f.weights[0] == 1.0f);
     assert_int_equal(f.result.redundant_count, 0);
-    // Half the budget: over budget; the opacity test is strict.
+    // Half the budget: over quota; the opacity test is strict.
     options.budget_scale = 0.5;
     options.tau_alpha = 0.0625;
     f.opacity[1] = 0.0625f;

@@ -166,7 +166,7 @@ void seam_report_print(const seam_report *report, bool quiet)
         printf("; loss at the seams %.2f dB\n", loss);
     }
     if (loss >= SEAM_LIMIT)
-        print_warning("loss of %.2f dB at the faces between the blocks; train the blocks longer, "
+        print_warning("loss of %.2f dB at the seams between the blocks; train the blocks longer, "
                       "start from a better coarse model, or use fewer blocks",
                       loss);
 }

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Quality of a merged model at the faces between blocks: the error of pixels whose traced position
+// Quality of a merged model at the seams between blocks: the error of pixels whose traced position
 // is near a face, compared with that of all other pixels. What is near a face may be harder than
 // the rest: on a plush toy with its background, pixels near a plane through the toy have 2.3 dB
 // less in a model that was never divided. The figures therefore refer to those of a reference

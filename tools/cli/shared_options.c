@@ -106,8 +106,8 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, images),
      .argument = "DIR",
      .shown = "images",
-     .help = "image folder, next to the sparse model; for transforms.json, it replaces the top "
-             "folder of the image names"},
+     .help = "image folder, next to the sparse model; for transforms.json, it replaces the "
+             "first component of the image paths"},
     {.name = "downscale",
      .kind = OPTION_INTEGER,
      .offset = offsetof(scene_values, downscale),

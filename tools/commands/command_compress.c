@@ -22,13 +22,14 @@
 #include "sparegs/model_file.h"
 
 static const char description[] =
-    "Compresses MODEL (a model file, or a run folder: its latest iteration) with one of four "
+    "Compresses MODEL (a model file, or a run folder, whose latest iteration is used) with one of "
+    "four "
     "published methods, or fcgs-like. SCENE provides the views for methods that weight primitives "
-    "by their contribution or "
-    "that fine-tune the result. `sparegs decompress` writes the PLY file again.\nghap reduces the "
+    "by their blending weights or that fine-tune the result. `sparegs decompress` writes the PLY "
+    "file again.\nghap reduces the "
     "number of primitives and stores the rest as floats. sog sorts all primitives into a square "
-    "grid and stores "
-    "the grid as images. lightgaussian quantises the SH coefficients with a codebook. mesongs "
+    "grid and stores the grid as images; it does not write PlayCanvas .sog, use `sparegs convert` "
+    "for that. lightgaussian quantises the SH coefficients with a codebook. mesongs "
     "codes "
     "positions as an octree and attributes with RAHT and 8 bits. fcgs-like codes quantised "
     "attributes with probabilities fitted to the model; it has the structure of FCGS without its "
@@ -58,7 +59,7 @@ static const option compress_options[] = {
      .path = PATH_OUTPUT,
      .offset = offsetof(compress_values, output),
      .argument = "FILE",
-     .help = "file to write (required)"},
+     .help = "output file (required)"},
     {.name = "method",
      .kind = OPTION_CHOICE,
      .offset = offsetof(compress_values, method),
@@ -488,9 +489,9 @@ int command_compress(int argc, char **argv)
         return EXIT_FAILED;
     sgs_model_format format;
     if (sgs_model_format_of_name(values.output, &format))
-        print_warning("%s: will be a compressed model of sparegs, not a .%s file; to write one, "
-                      "use 'sparegs convert'",
-                      values.output, sgs_model_format_name(format));
+        print_warning("%s: compress writes sparegs's own container, not .%s; use 'sparegs "
+                      "convert' for .%s",
+                      values.output, sgs_model_format_name(format), sgs_model_format_name(format));
     interrupt_watch();
     model_path located;
     status = model_locate_of_run(call.line.operands[0], values.run, &located)

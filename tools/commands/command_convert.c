@@ -28,8 +28,9 @@
 #include "sparegs/prune.h"
 
 static const char description[] =
-    "Converts a model: reads IN (a file of a known format, a SOG folder or a run folder: its "
-    "latest iteration) and writes OUT in the format that its name selects: .ply, .compressed.ply, "
+    "Converts a model: reads IN (a file of a known format, a SOG folder or a run folder, "
+    "whose latest iteration is used) and writes OUT in the format that its name selects: .ply, "
+    ".compressed.ply, "
     ".splat, "
     ".spz, .ksplat, .glb, .sog, FOLDER/meta.json (SOG in files), FOLDER/lod-meta.json (SOG with "
     "levels of detail), .usda (OpenUSD) or .html (a page that shows the model offline).\nFilters "
@@ -54,8 +55,10 @@ static const option convert_options[] = {
     {.name = "filter-nan",
      .kind = OPTION_FLAG,
      .offset = offsetof(convert_values, drop_nan),
-     .help = "drop primitives with a zero quaternion, instead of using the identity; primitives "
-             "with other values that are not finite are always dropped"},
+     .help =
+         "also drop primitives with a zero quaternion (otherwise read as the identity); "
+         "primitives with NaN or infinite values are always dropped; an opacity of 0 or 1 and a "
+         "scale of 0 are valid"},
     {.name = "filter-box",
      .kind = OPTION_TEXT,
      .offset = offsetof(convert_values, box),
@@ -90,8 +93,9 @@ static const option convert_options[] = {
      .argument = "auto|SIZE[,OPACITY[,SHARE]]",
      .shown = "none",
      .help = "keep connected primitives: voxels of SIZE scene units (auto: 4 times the median "
-             "distance to the third neighbour) with a centre of at least OPACITY (0.1) form "
-             "components; those with less than SHARE (0.01) of the primitives are dropped"},
+             "distance to the third neighbour) that contain the centre of a primitive with at "
+             "least OPACITY (0.1) form components; those with less than SHARE (0.01) of the "
+             "primitives are dropped"},
     {.name = "filter-unseen",
      .kind = OPTION_FLAG,
      .offset = offsetof(convert_values, unseen),

@@ -32,7 +32,7 @@ static const option decompress_options[] = {
      .offset = offsetof(decompress_values, output),
      .path = PATH_OUTPUT,
      .argument = "OUT.ply",
-     .help = "file to write, in the format of its name (required)"},
+     .help = "output file; its extension selects the format (required)"},
 };
 
 // Writes the model in the format of the name, with what the compressed file records about it. False

@@ -18,7 +18,7 @@
 #include "run/region_json.h"
 
 static const char description[] =
-    "Explains the budget of a training run with SPARE-GS, stored in the run folder OUT. For the "
+    "Reports the SPARE-GS quotas of the training run in the folder OUT. For the "
     "regions furthest from their quota at the last structural update, or for the region around a "
     "point, prints demand, quota, number of primitives, and how many were cloned, split and "
     "removed.";
@@ -59,7 +59,7 @@ static void print_region(const sgs_regions *update, const sgs_region *r, bool da
     printf("%u primitives, quota %.1f (demand %.2f of 2, capacity %.2f): %s, slack %.2f, weight "
            "%.2f; ",
            r->count, (double)r->quota, (double)r->demand, (double)r->capacity,
-           (double)r->count > (double)r->quota ? "over budget" : "under budget", (double)r->slack,
+           (double)r->count > (double)r->quota ? "over quota" : "under quota", (double)r->slack,
            (double)r->weight);
     printf("%u densified, %u pruned by the pipeline, %u pruned as redundant\n", r->densified,
            r->removed, r->redundant);
@@ -96,9 +96,7 @@ static int explain_top(const region_history *history, int top, bool json)
     }
     if (!json)
         printf("iteration %d: %zu primitives in %zu regions of a %d^3 grid; %zu regions with %.0f "
-               "%% of the primitives "
-               "are "
-               "over budget\n",
+               "%% of the primitives are over quota\n",
                last->iteration, primitives, last->count, last->grid, over,
                primitives ? 100.0 * (double)held / (double)primitives : 0.0);
     for (size_t i = 0; i < last->count && i < (size_t)top; ++i) {

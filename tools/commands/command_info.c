@@ -22,7 +22,8 @@
 #include "sparegs/model_file.h"
 
 static const char description[] =
-    "Describes MODEL (a model file, or a run folder: its latest iteration) or SCENE (a data set): "
+    "Describes MODEL (a model file, or a run folder, whose latest iteration is used) or SCENE (a "
+    "data set): "
     "counts, bounds, quantiles of scales and opacities, camera models, image sizes, split, "
     "warnings.";
 

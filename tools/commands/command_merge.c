@@ -28,10 +28,10 @@ static const char description[] =
     "Joins the blocks that were trained in DIR (block_0, block_1, ... of the plan DIR/blocks.json) "
     "into one model: each block contributes the primitives with centres in its own box. OUT is a "
     "run folder for eval, render, view and other commands. A block that is missing, unfinished, or "
-    "of another scene or plan is an error.\nThen compares the PSNR of the pixels near the faces "
-    "between the blocks with that of the others, in held-out images if there are any, and warns if "
-    "they lose 0.5 dB or more relative to the model that the blocks started from. The figures are "
-    "also in OUT/summary.json. SCENE, its images and their split default to those of the blocks.";
+    "of another scene or plan is an error.\nThen compares the PSNR near the seams with that "
+    "elsewhere, in held-out images if there are any, and warns if the seams are at least 0.5 dB "
+    "worse than in the coarse model that the blocks started from. The figures are also in "
+    "OUT/summary.json. SCENE, its images and their split default to those of the blocks.";
 
 typedef struct merge_values {
     const char *output;
@@ -56,13 +56,13 @@ static const option merge_options[] = {
      .initial = "100",
      .shown = "100, 0 = none",
      .unit = "images",
-     .help = "maximum number of images for the comparison at the faces"},
+     .help = "maximum number of images for the comparison at the seams"},
     {.name = "seam-reference",
      .kind = OPTION_TEXT,
      .offset = offsetof(merge_values, reference),
      .argument = "MODEL|none",
      .shown = "the model that the blocks started from, if it is still there",
-     .help = "model of the whole scene whose PSNR at the faces and elsewhere is subtracted"},
+     .help = "model of the whole scene whose PSNR at the seams and elsewhere is subtracted"},
     {.name = "overwrite",
      .kind = OPTION_FLAG,
      .offset = offsetof(merge_values, overwrite),

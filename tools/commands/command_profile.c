@@ -20,12 +20,12 @@
 #include "sparegs/runtime.h"
 
 static const char description[] =
-    "Measures the BVH of MODEL (a model file or a run folder) with rays from the cameras of SCENE: "
-    "build and refit time, memory, surface-area cost and overlap of trees built with low, medium "
-    "and high quality, of the refittable tree that training uses, and of that tree after many "
-    "refits; callbacks, tests, evaluations and hits per ray, false positives, hits until rays "
-    "terminate, cost per tile, and the phases of a training iteration over the same views. "
-    "Concludes with the recommended build quality and rebuild interval, and the dominant phase. "
+    "Profiles the BVH of MODEL (a model file or a run folder) with rays from the cameras of SCENE. "
+    "Compares Embree build qualities (low, medium, high), the refittable tree used in training, "
+    "and that tree after many refits. Reports build and refit time, memory, SAH cost, overlap, "
+    "traversal counts, false positives, hits until rays terminate, cost per tile, and the phases "
+    "of a training iteration over the same views, then recommends a build quality and a rebuild "
+    "interval, and names the dominant phase. "
     "With -o DIR, writes heat maps per pixel and per tile as EXR and PNG.";
 
 typedef struct profile_values {

@@ -25,8 +25,9 @@
 #include "sparegs/prune.h"
 
 static const char description[] =
-    "Removes the fraction R of the primitives of MODEL (a model file, or a run folder: its latest "
-    "iteration) with the lowest importance scores, and writes the rest to OUT. lightgaussian: "
+    "Removes the fraction R of the primitives of MODEL (a model file, or a run folder, whose "
+    "latest iteration is used) with the lowest importance scores, and writes the rest to OUT. "
+    "lightgaussian: "
     "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
     "closed form from the parameters and the camera positions, without rendering. pup: log "
     "determinant of the Fisher matrix of position and scale over the training views (PUP 3D-GS). "
@@ -50,7 +51,7 @@ static const option prune_options[] = {
      .offset = offsetof(prune_values, output),
      .argument = "OUT",
      .shown = "none; required without --scores and --features",
-     .help = "file of the pruned model, in the format of its name; with several ratios a folder of "
+     .help = "output file; its extension selects the format; with several ratios a folder of "
              "prune_R.ply"},
     {.name = "method",
      .kind = OPTION_CHOICE,

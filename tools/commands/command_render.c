@@ -27,7 +27,8 @@
 #include "sparegs/rank_check.h"
 
 static const char description[] =
-    "Renders MODEL (a model file, or a run folder: its latest iteration) from the cameras of "
+    "Renders MODEL (a model file, or a run folder, whose latest iteration is used) from the "
+    "cameras of "
     "SCENE, "
     "from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all AOVs as "
     "layers, or DIR/STEM.png and DIR/STEM.AOV.png, where STEM is the image name of the view "
@@ -121,10 +122,10 @@ static const option render_options[] = {
      .low = 1,
      .high = 360,
      .argument = "DEG",
-     .shown = "the arc of the photos",
+     .shown = "the arc spanned by the cameras",
      .unit = "degrees",
      .needs = "orbit",
-     .help = "angle of the orbit, centred on the arc of the photos"},
+     .help = "angle of the orbit, centred on the arc spanned by the cameras"},
     {.name = "path-lens",
      .kind = OPTION_CHOICE,
      .offset = AT(path_lens),
@@ -140,8 +141,9 @@ static const option render_options[] = {
      .argument = "N",
      .initial = "0",
      .needs = "orbit|spiral|camera|save-cameras=chan|save-cameras=usda",
-     .help = "number of the first frame in the names of paths and of nameless cameras, in .chan "
-             "and in .usda; not for a .chan input; --frames counts from 0 regardless"},
+     .help = "frame number of the first frame, used in the file names of paths and of cameras "
+             "without a name, in .chan and in .usda; a .chan input has its own numbers; --frames "
+             "counts from 0 regardless"},
     {.name = "save-cameras",
      .kind = OPTION_SET,
      .offset = AT(save_cameras),

@@ -95,7 +95,7 @@ static json_t *update_words(const json_t *train, const json_t *spare, const json
         const json_t *r = json_array_get(spare, k);
         char *text =
             format_text("iteration %.0f: %.0f primitives in %.0f regions after the update; %.0f %% "
-                        "over budget before it, mean weight %.3f; weights suppressed %.0f and "
+                        "over quota before it, mean weight %.3f; weights suppressed %.0f and "
                         "boosted %.0f densifications; %.0f pruned as redundant",
                         number_at(r, 0), number_at(r, 2), number_at(r, 1), 100 * number_at(r, 3),
                         number_at(r, 4), number_at(r, 5), number_at(r, 6), number_at(r, 7));

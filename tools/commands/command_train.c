@@ -37,8 +37,8 @@ static const char description[] =
     "summary.json       training curves and results\n  checkpoint/                              "
     "full state for --resume\nOn SIGINT, SIGTERM, SIGUSR2, SIGXCPU or SIGHUP, train finishes the "
     "current "
-    "iteration and saves; a second signal aborts it. On SIGUSR1, it saves a checkpoint and "
-    "continues. "
+    "iteration and saves; a second SIGINT, SIGTERM or SIGHUP exits without saving, but a SIGTERM "
+    "within 5 s of the first signal is ignored. On SIGUSR1, it saves a checkpoint and continues. "
     "Under mpirun or srun, several processes train one model, with the same result as one process.";
 
 // ---- Before the first iteration ----

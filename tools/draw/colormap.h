@@ -38,6 +38,6 @@ bool positions_colored(const float *const position[3], const value_range ranges[
 // One colour per id; SGS_NO_PRIMITIVE becomes black.
 bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out);
 
-// Slack through tanh, as in SPARE-GS's weight: negative towards red (over budget), 0 light grey,
+// Slack through tanh, as in SPARE-GS's weight: negative towards red (over quota), 0 light grey,
 // positive towards blue (under budget). Black where `ids` is SGS_NO_PRIMITIVE.
 bool slack_colored(const float *slack, const uint32_t *ids, int width, int height, sgs_image8 *out);

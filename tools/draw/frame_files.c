@@ -37,7 +37,8 @@
 #include "sparegs/metrics.h"
 
 #define DEPTHS(kind)                                                                               \
-    "depth.Z: mean distance of the hits " kind ", weighted by their contribution, scene units; "   \
+    "depth.Z: mean distance of the hits " kind                                                     \
+    ", weighted by their blending weights, scene units; "                                          \
     "depth_median.Z: distance of the hit that takes the transmittance to 0.5; depth_first.Z: "     \
     "distance of the first "                                                                       \
     "hit; 0 where there is none"

@@ -261,29 +261,30 @@ static char *answer_quality(const profile_report *report)
                            *best = &report->mean.trees[draw];
     const double gain = low->gather - best->gather, // core time
         price = (best->build - low->build) * sgs_threads_get();
-    char *training =
-        format_text("Build quality: for training %s, %.2f ms per iteration for tree and gather "
-                    "(low %.2f, medium %.2f, high %.2f, refit %.2f, rebuilt every %d iterations)",
-                    sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
-                    1e3 * iteration_cost(report, SGS_PROFILE_LOW),
-                    1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
-                    1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
-                    1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
+    char *training = format_text(
+        "Build quality for training: %s (%.2f ms per iteration for tree and gather; low "
+        "%.2f, medium %.2f, high %.2f, refit %.2f, rebuilt every %d iterations)",
+        sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
+        1e3 * iteration_cost(report, SGS_PROFILE_LOW),
+        1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
+        1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
+        1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
     char *drawing =
         is_too_noisy(report)
-            ? format_text("for a fixed model undecided: gather times differ by %.0f %% between "
-                          "repetitions; use more of them, or an idle machine",
+            ? format_text("For a fixed model: undecided (gather times differ by %.0f %% between "
+                          "repetitions; use more of them, or an idle machine)",
                           100 * report->mean.noise)
         : draw == SGS_PROFILE_LOW
-            ? format_text("for a fixed model low: no other tree is faster by more than the timing "
-                          "noise of %.0f %%",
+            ? format_text("For a fixed model: low (no other tree is faster by more than the timing "
+                          "noise of %.0f %%)",
                           100 * min_gain(report))
-            : format_text("for a fixed model %s: it is %.0f %% faster than low and amortises its "
-                          "build after %.0f views",
-                          sgs_profile_kind_name(draw), 100 * quotient(gain, low->gather),
-                          ceil(fmax(price / gain, 1)));
+            : format_text(
+                  "For a fixed model: %s (%.0f %% faster than low; amortises its build after "
+                  "%.0f views)",
+                  sgs_profile_kind_name(draw), 100 * quotient(gain, low->gather),
+                  ceil(fmax(price / gain, 1)));
     char *text =
-        format_text("%s; %s.%s", training, drawing,
+        format_text("%s. %s.%s", training, drawing,
                     high_is_medium(report) ? " High and medium produce the same tree." : "");
     free(training);
     free(drawing);

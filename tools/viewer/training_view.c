@@ -95,10 +95,10 @@ static void act(void *context, run_action action)
     training_view *view = context;
     switch (action) {
     case RUN_PAUSE:
-        set_paused(view, true, "paused by the viewer; Ctrl-C saves and ends");
+        set_paused(view, true, "paused from the viewer; press Ctrl-C to save and quit");
         break;
     case RUN_CONTINUE:
-        set_paused(view, false, "continued by the viewer");
+        set_paused(view, false, "resumed from the viewer");
         break;
     case RUN_CHECKPOINT:
         interrupt_want_checkpoint();
@@ -255,7 +255,7 @@ static void show_pause(training_view *view)
                                      info->psnr_average, info->gaussians});
     if (!pause_watch_expires(&view->watch, view_hub_count(&view->session.hub), clock_seconds()))
         return;
-    set_paused(view, false, "continued: no page has been open for a minute");
+    set_paused(view, false, "resumed: no page has been open for a minute");
     report(view);
 }
 

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Image input and output: 8-bit photos (OpenImageIO), PNG (OpenImageIO) and multi-channel EXR
+// Image input and output: 8-bit images (OpenImageIO), PNG (OpenImageIO) and multi-channel EXR
 // for compositing (OpenEXR). All writers write to a temporary file in the target folder and rename
 // it, so a failed write keeps the existing file.
 //
@@ -157,9 +157,8 @@ typedef struct sgs_exr_info {
 #define SGS_COLOR_SRGB "srgb_rec709_scene"
 
 // Width of a pixel over its height, fy / fx, in an image of this size. 1 if they differ by at most
-// 1
-// %, as in calibrations of square pixels, or by one pixel of the shorter side if that is more, by
-// which sizes of downscaled images are rounded: programs would take them for another pixel format.
+// 1 %, as in calibrations of square pixels, or, if that is more, by one pixel of the shorter side,
+// to which sizes of downscaled images are rounded: programs would see another pixel format.
 SGS_API double sgs_pixel_aspect(double fx, double fy, int width, int height);
 
 // A frame rate as the rational number numerator / denominator, both > 0. Rates from 23.976 on that

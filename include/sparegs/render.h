@@ -105,9 +105,9 @@ typedef struct sgs_frame {
     float *normal[3];
     float *position[3];  // world: sum(w x) / sum(w), x the point of a hit; 0 without a hit
     uint32_t *primitive; // row of the primitive with the largest w; SGS_NO_PRIMITIVE without a hit
-    // Primitives that the BVH returned for the pixel's tile of 16x16 pixels and that may hit it:
-    // the cost of the tile. With this plane every rendering rebuilds the BVH, so that the values do
-    // not depend on earlier ones.
+    // Primitives that the BVH returned for the pixel's tile of 16x16 pixels and that rays of the
+    // tile may hit: the cost of the tile. With this plane every rendering rebuilds the BVH, so that
+    // the values do not depend on earlier ones.
     float *candidates;
 } sgs_frame;
 

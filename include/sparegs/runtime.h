@@ -26,10 +26,10 @@ typedef enum sgs_isa {
 
 // Number of threads of the following calls, including the calling one: 1 to 4096; 0 = sgs_cores
 // (the default); larger numbers are reduced. Each application thread that calls the library has its
-// own team of this size, which ends with that thread; these threads block all signals but those of
-// their own faults, as do those that a scene with an image cache has for decoding. Embree uses
-// the team and does not limit other users of TBB in the process, except during sgs_profile_view.
-// Results do not depend on the number.
+// own team of this size, which ends with that thread; its threads block all signals except
+// synchronous faults; so do the decoding threads of an image cache. Embree uses the team and does
+// not limit other users of TBB in the process, except during sgs_profile_view. Results do not
+// depend on the number.
 SGS_API void sgs_threads_set(int count);
 SGS_API int sgs_threads_get(void);
 // Number of cores in the affinity mask, or the CPU quota of the cgroup (container, batch

@@ -38,7 +38,7 @@ SGS_API const char *sgs_status_text(sgs_status status);
 
 // The sentence that explains the last failed call of this thread, "" if there was none. Owned by
 // the library; valid until the next failing call on the same thread. Read it right after the
-// failure: a call that succeeds may also replace it, after a failure inside that it made up for.
+// failure: a successful call may overwrite it if it recovered from an internal failure.
 SGS_API const char *sgs_last_error(void);
 
 // Structs of options begin with struct_size. sgs_X_options_init(&options, sizeof options) writes

@@ -115,8 +115,8 @@ typedef struct sgs_pipeline_options {
     double fastgs_gradient;
     double fastgs_dense; // FastGS: size, in extents of the scene, above which to split; 0.001
     // MCMC: noise on the positions, as a multiple of their learning rate; -1 = 5e5, in scaled runs
-    // below 30 000 iterations less and 0 up to 7000, where the parts of a divided primitive are
-    // spread by their covariance instead.
+    // below 30 000 iterations less and 0 up to 7000, where the copies of a duplicated primitive
+    // are jittered by their covariance instead.
     double mcmc_noise;
     double mcmc_opacity_loss; // MCMC: weight of the mean opacity in the loss; 0.01
     double mcmc_scale_loss;   // MCMC: weight of the mean scale in the loss; 0.01
@@ -176,7 +176,8 @@ typedef struct sgs_train_options {
     const sgs_gaussians *init; // copied; start from it instead of the point cloud; NULL
     // lambda of the loss (1 - lambda) L1 + lambda (1 - SSIM) (Kerbl et al. 2023, equation 7).
     // Below 0: 0.2 as published, and up to 0.4 in scaled runs of less than 30 000 iterations on
-    // large photos with SGS_PIPELINE_3DGS, SGS_PIPELINE_MIP or SGS_PIPELINE_FASTGS; -1.
+    // high-resolution images (mean of more than 130 000 pixels) with SGS_PIPELINE_3DGS,
+    // SGS_PIPELINE_MIP or SGS_PIPELINE_FASTGS; -1.
     double ssim_weight;
     // Standard deviation of the Gaussian window of that SSIM, pixels, at most 3. 0: 1.5 as
     // published, and down to 1 in the runs above; 0.

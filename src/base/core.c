@@ -368,7 +368,7 @@ sgs_status sgsi_make_folder(const char *path)
     char *partial = sgsi_strdup(path);
     if (!partial)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory to create it", path);
-    for (char *at = partial + (*partial != 0);; ++at) { // behind the '/' of an absolute path
+    for (char *at = partial + (*partial != 0);; ++at) { // after the '/' of an absolute path
         if (*at != '/' && *at != 0)
             continue;
         const char kept = *at;

@@ -80,7 +80,7 @@ typedef struct sgsi_row_moves {
     float *log_scale; // added to the log-scales of the root
     uint8_t *forget;  // the moments of row i become 0
     // Rows with a new opacity move by R S xi times this, xi ~ N(0, I)^3, with their new scales.
-    double spread;
+    double jitter;
 } sgsi_row_moves;
 
 // Columns of the old rows of one structural update, [count] each.

@@ -60,7 +60,7 @@ typedef struct sgsi_pipeline {
     float opacity_ceiling; // after every structural update; 0 = none
     int small_images;      // the first images have about this many times fewer tiles; 0 = full size
     bool abs_grad;         // requires sums of absolute gradients
-    bool fine_growth;      // scaled runs use schedule.c's settings for large photos
+    bool fine_growth;      // scaled runs use schedule.c's settings for high-resolution images
     bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
     bool relocates;        // decide fills columns->moves; opacities are never reset
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,

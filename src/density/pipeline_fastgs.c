@@ -20,8 +20,8 @@
 // contain actual hits only.
 //
 // Votes count pixels, also while the images are reduced (schedule.c), so fewer primitives grow
-// then. Votes by area were tried: at 2000 iterations on large photos of two scenes, PSNR, SSIM
-// and sharpness were lower (tools/experiments/schedules.md).
+// then. Votes by area were tried: at 2000 iterations on high-resolution images of two scenes, PSNR,
+// SSIM and sharpness were lower (tools/experiments/schedules.md).
 //
 // SPARE-GS: w multiplies the gradients, or with sgs_spare_target the vote, or both. The native test
 // floor(mean) > 5 is written as mean >= 6, so that w * mean >= 6 equals it at w = 1.

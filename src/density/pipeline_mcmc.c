@@ -11,7 +11,7 @@
 // those of the source restart, the dead rows keep theirs, as in the released code.
 //
 // Growth: the count grows to min(cap, 1.05 N). The sources are drawn from all rows by their new
-// opacities and divided in the same way; moments of sources and new rows start at 0. At the cap
+// opacities and duplicated in the same way; moments of sources and new rows start at 0. At the cap
 // only relocation continues.
 //
 // Noise and regularisers: density/position_noise.c and optimize/kernel_optimize.inl. Their
@@ -19,23 +19,23 @@
 // the scale loss with the first. By default they are multiplied by (5 / E)^2 and 5 / E: a scene of
 // extent E = 5 gets the published values, and the result does not depend on the unit.
 //
-// Short runs: the primitives of one division coincide, and the noise separates them too slowly for
-// a run of a few thousand iterations, while it prevents faint primitives from converging. Up to
-// 7000 iterations there is no noise. Instead, each row of a division moves once, by 0.8 times a
-// normal deviate of its own covariance, like the children of a split. A given --mcmc-noise is used
-// as it is, without the spread. Few updates also have to place the primitives where they are
-// missing: opacities in the draws are multiplied by the mean gradient of the position, and growth
-// is so slow that it reaches the cap after a fifth of the updates, because the gradients of the
-// first updates describe a blurred image. Towards 30 000 iterations all of this approaches the
-// published method.
+// Runs below 30 000 iterations: the copies of a primitive coincide, and the noise separates them
+// too slowly for a run of a few thousand iterations, while it prevents faint primitives from
+// converging. Up to 7000 iterations there is no noise. Instead, the copies are jittered: each moves
+// once, by 0.8 times a normal deviate of its own covariance, like the children of a split. A given
+// --mcmc-noise is used as it is, without the jitter. Few updates also have to place the primitives
+// where they are missing: opacities in the draws are multiplied by the mean gradient of the
+// position, and growth is so slow that it reaches the cap after a fifth of the updates, because the
+// gradients of the first updates describe a blurred image. Towards 30 000 iterations all of this
+// approaches the published method.
 //
 // SPARE-GS (a proposal; the paper does not treat this pipeline): w multiplies the opacities of both
 // draws, and growth is proportional to sum min(w, 1) instead of N, so that over-budget regions
 // contribute less. Redundant rows are treated with the dead ones: they are deleted and the cap is
 // reduced by as many, or relocated. The opacity loss makes many rows faint, so an update takes the
-// faintest: at most 5 % (mcmc_growth) in short runs. With the published growth, deleting as many
-// would stop the growth, and the cap would fall in each of 243 updates: there an update deletes at
-// most half of what growth may add, and none at the cap.
+// faintest: at most 5 % (mcmc_growth) below 30 000 iterations. With the published growth, deleting
+// as many would stop the growth, and the cap would fall in each of 243 updates: there an update
+// deletes at most half of what growth may add, and none at the cap.
 
 #include "density/pipeline.h"
 
@@ -46,9 +46,9 @@
 #include "density/run_length.h"
 
 static const float DEAD = 0.005f;
-static const double PAPER_EXTENT = 5.0, PAPER_NOISE = 5e5, SHORT_SPREAD = 0.8;
+static const double PAPER_EXTENT = 5.0, PAPER_NOISE = 5e5, SHORT_JITTER = 0.8;
 
-static const double CAP_REACHED = 0.2; // of the updates of a short run
+static const double CAP_REACHED = 0.2; // of the updates up to 7000 iterations
 
 enum { CAP_OF_INITIAL = 10, MAX_CAP = 1000000, DRAW_RELOCATION = 0x3E10, DRAW_GROWTH = 0x6407 };
 
@@ -141,9 +141,9 @@ static size_t mark_dead(chain_update *chain)
     return dead;
 }
 
-// Draws `draws` sources among the rows with a weight and divides each of them into the rows that
+// Draws `draws` sources among the rows with a weight and replaces each of them by the rows that
 // share it. Returns with *drew false where no row has a weight.
-static sgs_status divide_sources(chain_update *chain, size_t draws, uint64_t tag, bool *drew)
+static sgs_status duplicate_sources(chain_update *chain, size_t draws, uint64_t tag, bool *drew)
 {
     sgsi_density_columns *c = chain->c;
     *drew = false;
@@ -199,7 +199,7 @@ static sgs_status relocate(chain_update *chain, size_t dead)
             chain->dead[i] || chain->gone[i] ? 0.0 : (double)c->opacity[i] * (double)c->weight[i];
     weigh_by_gradient(chain);
     bool drew;
-    const sgs_status status = divide_sources(chain, dead, DRAW_RELOCATION, &drew);
+    const sgs_status status = duplicate_sources(chain, dead, DRAW_RELOCATION, &drew);
     size_t j = 0;
     for (size_t i = 0; i < c->count && !status && drew; ++i) {
         if (!chain->dead[i])
@@ -241,7 +241,7 @@ static sgs_status grow(chain_update *chain)
         return SGS_STATUS_OK;
     weigh_by_gradient(chain);
     bool drew;
-    const sgs_status status = divide_sources(chain, draws, DRAW_GROWTH, &drew);
+    const sgs_status status = duplicate_sources(chain, draws, DRAW_GROWTH, &drew);
     for (size_t i = 0; i < c->count && !status && drew; ++i)
         c->moves.copies[i] = chain->times[i];
     return status;
@@ -257,8 +257,8 @@ static sgs_status move_rows(chain_update *chain, sgsi_density_result *result)
     return status ? status : grow(chain);
 }
 
-// How far automatic noise is replaced by the spread of divided rows.
-static double spread_share(const sgs_train_options *train)
+// How far automatic noise is replaced by the jitter of copies.
+static double jitter_share(const sgs_train_options *train)
 {
     return train->pipeline_options.mcmc_noise < 0.0 ? sgsi_run_shortness(train) : 0.0;
 }
@@ -273,7 +273,7 @@ static sgs_status decide(const sgsi_density_options *options, sgsi_density_colum
                           .dead = sgsi_calloc(n, 1),
                           .gone = sgsi_calloc(n, 1),
                           .times = sgsi_calloc(n, sizeof *chain.times)};
-    c->moves.spread = SHORT_SPREAD * spread_share(options->train);
+    c->moves.jitter = SHORT_JITTER * jitter_share(options->train);
     sgs_status status;
     if (chain.weight && chain.dead && chain.gone && chain.times)
         status = move_rows(&chain, result);
@@ -299,7 +299,7 @@ static sgsi_sampling sampling(const sgs_train_options *train, double extent)
                               ? fmin(train->iterations / (double)SGSI_PAPER_LENGTH, 1.0)
                               : 1.0;
     const double noise = own->mcmc_noise < 0.0 ? PAPER_NOISE : own->mcmc_noise;
-    return (sgsi_sampling){.noise = noise * unit * unit * (1.0 - spread_share(train)),
+    return (sgsi_sampling){.noise = noise * unit * unit * (1.0 - jitter_share(train)),
                            .opacity_loss = own->mcmc_opacity_loss,
                            .scale_loss = own->mcmc_scale_loss * unit,
                            .start_opacity = own->mcmc_start_opacity,

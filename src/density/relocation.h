@@ -3,8 +3,8 @@
 #pragma once
 
 // The mathematics of relocation (Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain
-// Monte Carlo", equation 9): how one primitive is divided into n equal ones without changing the
-// image, and draws with replacement. Pure functions on numbers.
+// Monte Carlo", equation 9): how n equal copies replace one primitive without changing the image,
+// and draws with replacement. Pure functions on numbers.
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -12,7 +12,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 
-enum { SPREAD_TAG = 0x59EAD };
+enum { JITTER_TAG = 0x59EAD };
 
 void sgsi_plan_trim(sgsi_density_plan *plan)
 {
@@ -79,7 +79,7 @@ static void make_child(const gather_job *job, const sgsi_plan_entry *entry,
         params[SGS_PARAM_SCALE + k] -= 0.47000363f; // ln 1.6
 }
 
-// Opacity, scales and mean of a row whose opacity was divided among several. row: the old one;
+// Opacity, scales and mean of a row whose opacity was shared among copies. row: the old one;
 // place: the new one, in the rows of all processes.
 static void apply_move(const gather_job *job, uint32_t row, size_t place,
                        float params[SGS_PARAM_COUNT])
@@ -91,11 +91,11 @@ static void apply_move(const gather_job *job, uint32_t row, size_t place,
     params[SGS_PARAM_OPACITY] = (float)log(opacity / (1.0 - opacity));
     for (int k = 0; k < 3; ++k)
         params[SGS_PARAM_SCALE + k] += moves->log_scale[row];
-    if (!(moves->spread > 0.0))
+    if (!(moves->jitter > 0.0))
         return;
     const uint64_t seed =
-        sgsi_random_bits(job->options->seed ^ SPREAD_TAG, (uint64_t)job->options->iteration);
-    move_in_covariance(params, moves->spread, seed, 4 * (uint64_t)place);
+        sgsi_random_bits(job->options->seed ^ JITTER_TAG, (uint64_t)job->options->iteration);
+    move_in_covariance(params, moves->jitter, seed, 4 * (uint64_t)place);
 }
 
 // Old row whose values an entry of the plan begins with.

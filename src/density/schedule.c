@@ -13,38 +13,38 @@
 // - Structural updates: 10 up to N = 7000, at least 20 iterations apart; growing as a power of N to
 //   the published number at 30 000.
 // - Gradient threshold: 1.7 times the published one up to N = 7000, decreasing to 1 at 30 000. At
-//   2e-4 a third of all primitives pass at each update of a short run, compared with a few percent
-//   of a published run. The threshold is then in the bulk of the distribution, where weights
-//   (SPARE-GS) have little effect.
+//   2e-4 a third of all primitives pass at each update of a run of up to 7000 iterations, compared
+//   with a few percent of a published run. The threshold is then in the bulk of the distribution,
+//   where weights (SPARE-GS) have little effect.
 // - From a random cloud: the published threshold and 30 updates, because it has few points, and the
 //   model must grow where the objects are.
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
-//   On large photos, updates of 3dgs and mip go on until the rates decay, but only remove
+//   On high-resolution images, updates of 3dgs and mip go on until the rates decay, but only remove
 //   faint and redundant primitives, mostly those that this limit kept. None is removed for its
 //   size: nothing would grow in its place. FastGS has its own final prunes.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or half a reset interval if that is shorter: opacities
 //   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
 // - Learning rates other than the position's: constant as published, and in the last 30 % of a
-//   short run log-linear to a tenth at N = 7000. The final factor rises to 1 at N = 1000 and at
-//   N = 30 000. There is no check for equilibrium in this part.
+//   run below 30 000 iterations log-linear to a tenth at N = 7000. The final factor rises to 1 at N
+//   = 1000 and at N = 30 000. There is no check for equilibrium in this part.
 // - Rates of rotation and scale: twice the published ones up to N = 7500, sqrt(30 000 / N) times
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the
 //   reduction fades out towards N = 2000 and N = 30 000. Twice that of 3DGS up to N = 2000, with 30
 //   views or more and small photos, but not with mcmc; this fades out towards N = 7000, 15
-//   views and large photos, where it makes held-out views worse.
-// - Large photos, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 0.8 times the
-//   threshold and less weight of gradients close to the camera (Pixel-GS, its constant). With 3dgs,
-//   absolute gradients count at twice the threshold (AbsGS), because signed ones cancel where a
-//   texture is finer than the primitives; the others have their own rule for them. In the loss,
-//   SSIM has a weight of 0.4 instead of 0.2 and a window with a standard deviation of 1 pixel
-//   instead of 1.5, which sharpens the image. Opacity has at least twice the rate of 3DGS:
-//   fewer primitives per ray, which saves time. More primitives then fade between two updates, so
-//   there are 15 updates, and each prunes less. The rates decay to a half instead of a tenth. In
-//   the first 0.3 N iterations, images have half the size, which saves time, too. Below these
-//   limits, settings are interpolated over the logarithm of the pixels from 130 000 and linearly
+//   views and high-resolution images, where it makes held-out views worse.
+// - High-resolution images, 3dgs, mip and fastgs: from 320 000 pixels and 60 views on, 0.8 times
+//   the threshold and less weight of gradients close to the camera (Pixel-GS). With 3dgs, absolute
+//   gradients count at twice the threshold (AbsGS), because signed ones cancel where a texture is
+//   finer than the primitives; the others have their own rule for them. In the loss, SSIM has a
+//   weight of 0.4 instead of 0.2 and a window with a standard deviation of 1 pixel instead of 1.5,
+//   which sharpens the image. Opacity has at least twice the rate of 3DGS: fewer primitives per
+//   ray, which saves time. More primitives then fade between two updates, so there are 15 updates,
+//   and each prunes less. The rates decay to a half instead of a tenth. In the first 0.3 N
+//   iterations, images have half the size, which saves time, too. Below these limits, settings are
+//   interpolated over the logarithm of the pixels from 130 000 and linearly
 //   over the views from 15. They fade out towards N = 30 000.
 //
 // MCMC has its own milestones (Kheradmand et al. 2024, released code): updates from 500 to 25 000
@@ -141,7 +141,7 @@ static bool is_dense(const sgs_train_options *options)
            (options->schedule == SGS_SCHEDULE_PAPER || options->iterations >= DENSE_LENGTH);
 }
 
-// fine: how far the run follows the rules of large photos, 0 to 1.
+// fine: how far the run follows the rules of high-resolution images, 0 to 1.
 static double ssim_weight(const sgs_train_options *options, double fine)
 {
     return options->ssim_weight < 0.0 ? SSIM_WEIGHT + (LARGE_SSIM_WEIGHT - SSIM_WEIGHT) * fine
@@ -174,8 +174,8 @@ static sgsi_schedule finetune(const sgs_train_options *options)
                            .threshold_factor = 1.0};
 }
 
-// How far growth follows the rules of large photos, 0 to 1: log-linear in their pixels, and
-// linear in their number.
+// How far growth follows the rules of high-resolution images, 0 to 1: log-linear in their pixels,
+// and linear in their number.
 static double fine_growth(size_t views, double pixels)
 {
     const double size = log(pixels / SMALL_PIXELS) / log(LARGE_PIXELS / SMALL_PIXELS);
@@ -207,7 +207,7 @@ static double sh_rate(const sgs_train_options *options, const sgsi_schedule_inpu
     return pow(few, fmin(above, sgsi_run_shortness(options))) * pow(brief, 1.0 - above);
 }
 
-// A tenth at SGSI_SHORT_LENGTH, more on large photos, 1 up to CONSTANT_LENGTH and from
+// A tenth at SGSI_SHORT_LENGTH, more on high-resolution images, 1 up to CONSTANT_LENGTH and from
 // SGSI_PAPER_LENGTH on; beyond: position of N between the last two, log-linear. A decay by less
 // than 5 % is none, so that equilibrium checks go on.
 static double late_rate(int iterations, double beyond, double large)

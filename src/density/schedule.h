@@ -26,7 +26,7 @@ typedef struct sgsi_schedule {
     int anneal_from;          // the other rates decay from this iteration to the end of the run,
     double lr_late;           // to this factor; 1 = constant
     double lr_shape;          // factor of the published rates of rotation and scale
-    double lr_sh;             // on that of SH above degree 0: not 1 in short runs
+    double lr_sh;             // on that of SH above degree 0: not 1 below 30 000 iterations
     // The image size may change after resolution_from, every resolution_interval iterations.
     int resolution_from, resolution_interval;
     int half_size_until;     // half-size images up to about here; 0 = none

@@ -179,7 +179,7 @@ static sgs_status read_meta(sog_reader *reader, const json_t *meta)
 // ---- Textures ----
 
 // Pixels that files of this many bytes can plausibly hold: a primitive takes about 10 bytes of
-// hardly compressible data. 65536 pixels are always accepted.
+// barely compressible data. 65536 pixels are always accepted.
 static size_t pixel_limit(size_t bytes)
 {
     return bytes + (1 << 16);

@@ -73,7 +73,7 @@ static void skip_string(usd_reader *reader, char quote)
     }
 }
 
-// Continues behind the next `mark`, or at the end of the text.
+// Continues after the next `mark`, or at the end of the text.
 static void skip_past(usd_reader *reader, const char *mark)
 {
     const size_t length = strlen(mark);
@@ -82,7 +82,7 @@ static void skip_past(usd_reader *reader, const char *mark)
     reader->at += reader->at < reader->end ? length : 0;
 }
 
-// Behind its first '@'.
+// After its first '@'.
 static void skip_asset(usd_reader *reader)
 {
     const bool triple = reader->at[0] == '@' && reader->at[1] == '@';

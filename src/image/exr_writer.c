@@ -12,7 +12,7 @@
 //
 // Flat files are not written by OpenImageIO, because it uses one compression for all chunks of a
 // file, and with OpenEXR 3.1 it deflates by zlib (see exr_zip.c). Floats with noise in their low
-// bits hardly shrink, yet deflating them takes several times as long as tracing them. The format
+// bits barely shrink, yet deflating them takes several times as long as tracing them. The format
 // permits uncompressed chunks, so SGS_EXR_AUTO compresses a sample of lines of each band and
 // compresses the band only if this saves a third.
 

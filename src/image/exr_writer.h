@@ -11,7 +11,7 @@
 #include "sparegs/image.h"
 #include "sparegs/output_file.h"
 
-// Level of ZIP for floats. They hardly shrink more at higher ones: 0.776 of their size at level 1,
+// Level of ZIP for floats. They barely shrink more at higher ones: 0.776 of their size at level 1,
 // 0.765 at 6, over all AOVs of a trained model.
 enum { SGSI_EXR_MAX_SIDE = 65536, SGSI_EXR_FLOAT_LEVEL = 1 };
 

@@ -281,7 +281,7 @@ static void filter_across(const flip_job *job, const double *line, double *out, 
     filter_even(in, 1, f->feature[2], f->feature_radius, out + 2 * plane);
 }
 
-enum { DX = COLOR_FILTERS, DY, DXX, DYY, SUMS }; // behind the colours
+enum { DX = COLOR_FILTERS, DY, DXX, DYY, SUMS }; // after the colours
 
 // All filters down to one row.
 static void filter_down(const flip_job *job, const double *in, size_t plane,

@@ -24,7 +24,7 @@
 
 enum {
     IMAGES = 2,
-    SLACK = 48, // elements that a kernel may read and write behind a row
+    SLACK = 48, // elements that a kernel may read and write past a row
     CHUNK = 32, // columns that a tap compares together
     ROWS = 4,   // of a work item
 };
@@ -376,7 +376,7 @@ static bool image_planes(const lpips_convolution *c, sgs_lpips_input input, cons
     return true;
 }
 
-// Allocates the input of the block behind `b`.
+// Allocates the input of the block after `b`.
 static bool next_input(const lpips_network *network, const block *b, planes next[IMAGES])
 {
     const planes *last = &b->maps[0][b->count - 1];

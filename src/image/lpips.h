@@ -40,7 +40,7 @@ struct sgs_lpips {
 };
 
 // One row of LPIPS_GROUP output channels: out[c * out_plane + x] = max(0, bias[c] + sum over t of
-// weights[t * LPIPS_GROUP + c] * in[offsets[t] + x]). Reads and writes up to 31 elements behind
+// weights[t * LPIPS_GROUP + c] * in[offsets[t] + x]). Reads and writes up to 31 elements past
 // `width`.
 typedef struct sgsi_lpips_row {
     const float *in, *weights, *bias;

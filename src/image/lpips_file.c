@@ -4,7 +4,7 @@
 // Weights of LPIPS from a file that tools/scripts/lpips_weights.py writes. Little endian:
 //
 //   8 bytes "SGSLPIPS"; uint32 version, 1; uint32 network, 0 = VGG16, 1 = AlexNet; uint32 number of
-//   tensors; uint32 CRC-32 of everything behind these 24 bytes
+//   tensors; uint32 CRC-32 of everything after these 24 bytes
 //   per tensor: four uint32, its shape; then its floats
 //
 // Tensors: per convolution the weights (out, in, kernel, kernel) in the order of PyTorch and the

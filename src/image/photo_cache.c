@@ -7,8 +7,8 @@
 // being decoded, and those that were prefetched but not yet used, unless the caller needs their
 // space.
 //
-// Which of the others goes: each epoch of a training is a new random permutation of its views. A
-// photo not yet used in this epoch is needed before its end; one that was used is needed in the
+// Which of the others goes: each epoch of a training run is a new random permutation of its views.
+// A photo not yet used in this epoch is needed before its end; one that was used is needed in the
 // next epoch, at a random place. So any photo of this epoch may go, and the most recently used one
 // is of this epoch. For passes in a fixed order, as of an evaluation, that choice is optimal. It
 // would keep photos forever that are not used at all any more, those of held-out views in

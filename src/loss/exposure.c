@@ -9,7 +9,7 @@
 //
 // and dL/dcolor = dL/dI, dL/dT = background . dL/dI (plus the alpha term, which does not pass
 // through the map). The background of a photo with an alpha channel does not have the exposure
-// of the photo, so it is added behind the map:
+// of the photo, so it is added after the map:
 //
 //   I' = A color + b (1 - T) + T background
 //   dL/dcolor = A^T dL/dI',   dL/dT = (background - b) . dL/dI',   dL/dA = sum of dL/dI' color^T,

@@ -457,7 +457,7 @@ bool sgs_camera_project(const sgs_camera *camera, const double point[3], double 
 }
 
 // r with r g(r^2) = target, by Newton steps inside a bracket; bisection where Newton leaves it or
-// does not end: it can jump between two points while the bracket hardly shrinks.
+// does not end: it can jump between two points while the bracket barely shrinks.
 static bool invert_radial(const lens *l, double target, double *r)
 {
     enum { NEWTON_STEPS = 60, STEPS = 200 };

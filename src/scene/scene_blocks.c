@@ -106,7 +106,7 @@ static void count_below(const float *points, size_t count, const sgs_box *cell, 
             --bin;
         while (bin < PLANES - 1 && x >= planes[bin + 1])
             ++bin;
-        ++bins[bin + 1]; // below plane bin + 1, except behind the last one
+        ++bins[bin + 1]; // below plane bin + 1, except after the last one
     }
     for (size_t i = 0; i < PLANES; ++i)
         bins[i + 1] += bins[i];

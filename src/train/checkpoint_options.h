@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The options of a training as named fields of its checkpoint, and what may differ when it is
+// The options of a training run as named fields of its checkpoint, and what may differ when it is
 // resumed.
 
 #include "base/fields.h"

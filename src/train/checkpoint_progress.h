@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The counters, averages and timers of a training as named fields of its checkpoint.
+// The counters, averages and timers of a training run as named fields of its checkpoint.
 
 #include "base/fields.h"
 #include "train/trainer_state.h"

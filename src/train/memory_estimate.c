@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Estimate of the memory of a training before it starts. Photos, rays, parameters, moments,
+// Estimate of the memory of a training run before it starts. Photos, rays, parameters, moments,
 // statistics and projected records are counted exactly. Candidates of the fullest tile, gradient
 // records per tile and primitive, and the copies of a structural update depend on the scene; their
 // constants were fitted to the peak RSS of 37 training runs of five scenes with up to 67 000

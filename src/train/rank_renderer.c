@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Rendering with a model that is divided among ranks: the stages of train_view.h up to the image,
-// on the rows that each rank owns. Used to evaluate the model that a training has saved.
+// on the rows that each rank owns. Used to evaluate the model that a training run has saved.
 
 #include "sparegs/rank_renderer.h"
 

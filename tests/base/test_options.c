@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Structs of options of programs that are older or newer than the library: the defaults fill the
-// caller's struct and nothing behind it.
+// caller's struct and nothing past it.
 
 #include <math.h>
 #include <setjmp.h>
@@ -107,7 +107,7 @@ static void options_inside_options_may_be_of_another_size(void **state)
     const float points[6] = {0, 0, 2, 0.1f, 0, 2};
     assert_int_equal(sgs_scene_create(&source, 1, NULL, NULL, 0, NULL, &scene), SGS_STATUS_OK);
     assert_int_equal(sgs_gaussians_init_points(points, NULL, 2, 0.01, &model), SGS_STATUS_OK);
-    // Structs that end early; what is behind them would be refused.
+    // Structs that end early; what follows them would be refused.
     sgs_render_options render = sgs_render_options_default();
     sgs_view_pass_options views = sgs_view_pass_options_default();
     sgs_prune_options prune = sgs_prune_options_default();

@@ -12,7 +12,7 @@ run 0 train "$room" -o "$model" --iterations 60 --downscale 8 --quiet
 primitives=$(jq .gaussians "$model/summary.json")
 
 for method in lightgaussian sog mesongs ghap fcgs-like; do
-    case $method in # short trainings
+    case $method in # short training runs
         lightgaussian) extra=(--codebook 256 --vq-steps 20) ;;
         sog | fcgs-like) extra=() ;;
         mesongs) extra=(--codebook 128 --vq-steps 20 --finetune 20) ;;

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# The estimate behind --max-memory is within 20 % of the peak memory of trainings: with 8-bit and half-float photos,
+# The estimate behind --max-memory is within 20 % of the peak memory of training runs: with 8-bit and half-float photos,
 # with and without SPARE-GS and checkpoints, from an initial model, and resumed. Trainings and frames that exceed the
 # machine's memory are refused at the start.
 set -euo pipefail

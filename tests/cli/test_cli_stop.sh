@@ -9,7 +9,7 @@ set -euo pipefail
 out=$temporary/out
 data=("$room" --downscale 8 --threads 2)
 
-# start ARGUMENT...: a training in the background. wait_for_iteration_100: until its first row is written.
+# start ARGUMENT...: a training run in the background. wait_for_iteration_100: until its first row is written.
 start() {
     last_command="sparegs train $*"
     "$program" train "$@" >"$temporary/started_stdout" 2>"$temporary/started_stderr" & # apart from those of other commands

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# Tiny trainings by the program: the files of OUT and their keys, resuming, stopping on a signal, a full disk.
+# Tiny training runs by the program: the files of OUT and their keys, resuming, stopping on a signal, a full disk.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 out=$temporary/out

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # `train --view`: the model has the same bits with pages that move all the time; pause, continue, checkpoint and stop;
-# the end of a training with connected pages.
+# the end of a training run with connected pages.
 set -u
 # shellcheck source-path=SCRIPTDIR source=cli_support.sh
 source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"

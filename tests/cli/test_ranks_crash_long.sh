@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: 2026 The sparegs authors
 # SPDX-License-Identifier: Apache-2.0
 
-# KILLS (30) ends of a training on three ranks at random times (the seed is printed): SIGKILL of a rank or of mpirun, SIGTERM
+# KILLS (30) ends of a training run on three ranks at random times (the seed is printed): SIGKILL of a rank or of mpirun, SIGTERM
 # or SIGUSR2 of mpirun, a time limit. It is resumed on two ranks, ended again, and resumed without MPI: the model equals
 # that of an uninterrupted run, and no rank is left behind.
 set -euo pipefail

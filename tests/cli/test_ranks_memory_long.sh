@@ -4,7 +4,7 @@
 
 # Memory of ranks: with a million primitives, the peak of each of four ranks over a whole run (initial model, structural
 # updates, checkpoints, model file, evaluation) is at most 0.35 of that of one process. Program and photos are not
-# counted: they are what a training of 1000 primitives needs. Skipped without mpirun or without a plug-in.
+# counted: they are what a training run of 1000 primitives needs. Skipped without mpirun or without a plug-in.
 set -euo pipefail
 # shellcheck source=tests/cli/cli_support.sh
 source "$(dirname "$0")/cli_support.sh"

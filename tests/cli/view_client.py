@@ -489,7 +489,7 @@ def move(url, early=""):
 
 
 def control(url, folder):
-    """Operates a training from its page; stops it at the end."""
+    """Operates a training run from its page; stops it at the end."""
     page = Page(url)
     hello = page.wait("hello")
     expect("a_training_is_announced", hello["training"] and hello["progress"]["total"] == 100000)
@@ -548,7 +548,7 @@ def paused(url):
 
 
 def run_action(url, action, leave=""):
-    """Sends an action to a training and stays until the connection ends, or with `leave` until it is announced."""
+    """Sends an action to a training run and stays until the connection ends, or with `leave` until it is announced."""
     page = Page(url)
     page.wait("hello")
     page.socket.send({"type": "run", "action": action})

@@ -166,7 +166,7 @@ static void the_difference_is_in_the_message(void **state)
     char filler[2001], texts[2][2100];
     memset(filler, 'x', sizeof filler - 1);
     filler[sizeof filler - 1] = 0;
-    // Values behind `equal` common characters and before `rest` others.
+    // Values after `equal` common characters and before `rest` others.
     static const int cases[][2] = {{0, 0}, {10, 290}, {250, 0}, {500, 10}, {950, 1000}, {0, 1990}};
     static const char *const lines[] = {"a: 1\nsize: %.*s%s%.*s\nz: 1\n", "a: 1\nsize %.*s%s%.*s"};
     for (size_t k = 0; k < 2; ++k)

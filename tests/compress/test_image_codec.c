@@ -280,7 +280,7 @@ static void exr_attributes_may_have_any_order_but_not_repeat(void **state)
     release(made);
 }
 
-// All files that are cut or have one altered byte before the pixels, or bytes behind them.
+// All files that are cut or have one altered byte before the pixels, or bytes after them.
 static void damaged_exr_layouts_are_rejected(void **state)
 {
     (void)state;

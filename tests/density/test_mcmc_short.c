@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What short runs of MCMC change, and that it ends at 30,000 iterations: the spread of divided
-// rows and the noise, draws by gradient, slower growth.
+// What short runs of MCMC change, and that it ends at 30,000 iterations: the jitter of
+// copies and the noise, draws by gradient, slower growth.
 
 #include <math.h>
 #include <setjmp.h>
@@ -17,7 +17,7 @@ static const int lengths[] = {7000, 14491, 30000}; // the middle one: the geomet
 
 // The rows of 3000 that share an opacity lie around the mean of their source by the covariance of
 // the new scales: whitened, the offsets are normal with the same standard deviation on each axis.
-static void divided_rows_spread_in_a_short_run(void **state)
+static void copies_are_jittered_in_a_short_run(void **state)
 {
     (void)state;
     static const double expected[] = {0.8, 0.4, 0};
@@ -80,7 +80,7 @@ static void divided_rows_spread_in_a_short_run(void **state)
     given->options.max_count = 200;
     given->options.update_count = 1;
     assert_int_equal(update(given), 200);
-    for (size_t i = 0; i < 200; ++i) // a given noise: no spread
+    for (size_t i = 0; i < 200; ++i) // a given noise: no jitter
         assert_true(*sgs_gaussians_at(given->model, i, SGS_PARAM_MEAN) ==
                     (float)sgsi_random_uniform(
                         9, 3 * (uint64_t)*sgs_gaussians_at(given->model, i, SGS_PARAM_SH_DC)));
@@ -163,8 +163,8 @@ static void growth_of_a_short_run_ends_after_a_fifth_of_the_updates(void **state
     }
 }
 
-// Noise replaces the spread: none up to 7000 iterations, the published amount at 30 000.
-static void noise_begins_where_the_spread_ends(void **state)
+// Noise replaces the jitter: none up to 7000 iterations, the published amount at 30 000.
+static void noise_begins_where_the_jitter_ends(void **state)
 {
     (void)state;
     static const double expected[] = {0, 0.5, 1};
@@ -186,11 +186,11 @@ static void noise_begins_where_the_spread_ends(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(divided_rows_spread_in_a_short_run),
+        cmocka_unit_test(copies_are_jittered_in_a_short_run),
         cmocka_unit_test(sources_of_a_short_run_are_drawn_by_gradient),
         cmocka_unit_test(without_gradients_sources_are_drawn_by_opacity),
         cmocka_unit_test(growth_of_a_short_run_ends_after_a_fifth_of_the_updates),
-        cmocka_unit_test(noise_begins_where_the_spread_ends),
+        cmocka_unit_test(noise_begins_where_the_jitter_ends),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -127,7 +127,7 @@ static void few_views_have_a_smaller_rate_of_sh(void **state)
 
 // Up to 2000 iterations, the rate of SH grows with the number of views from 15 to 30, up to twice
 // that of 3DGS, which Taming and FastGS have as published. It falls to the published one at 7000
-// iterations and on large photos; without a step.
+// iterations and on high-resolution images; without a step.
 static void short_runs_have_a_higher_rate_of_sh(void **state)
 {
     (void)state;
@@ -625,9 +625,9 @@ static void short_runs_follow_the_size_of_the_photos(void **state)
         }
 }
 
-// Short runs of 3DGS and Mip-Splatting on large photos: updates go on until the rates decay,
-// and only remove.
-static void large_photos_are_thinned_until_the_rates_decay(void **state)
+// Short runs of 3DGS and Mip-Splatting on high-resolution images: updates go on until the rates
+// decay, and only remove.
+static void high_resolution_models_are_thinned_until_the_rates_decay(void **state)
 {
     (void)state;
     for (int p = 0; p < SGS_PIPELINE_COUNT; ++p)
@@ -745,7 +745,7 @@ int main(void)
         cmocka_unit_test(mcmc_has_244_updates_and_no_reset),
         cmocka_unit_test(mcmc_scales_its_updates_with_the_run),
         cmocka_unit_test(short_runs_follow_the_size_of_the_photos),
-        cmocka_unit_test(large_photos_are_thinned_until_the_rates_decay),
+        cmocka_unit_test(high_resolution_models_are_thinned_until_the_rates_decay),
         cmocka_unit_test(a_given_ssim_is_used_by_all_schedules),
         cmocka_unit_test(auto_is_dense_for_long_runs_of_mcmc),
     };

@@ -129,7 +129,7 @@ static sgs_gaussians *model_uniform(size_t count, size_t side)
     return model;
 }
 
-// As readers of version 4 demand: extension records up to the table of sizes, and nothing behind
+// As readers of version 4 demand: extension records up to the table of sizes, and nothing after
 // the last stream.
 static void assert_spz_4_is_full(const char *path)
 {

@@ -15,7 +15,7 @@ import numpy
 import torch
 import torch.nn.functional as functional
 
-# Of each convolution: index in torchvision's features, out, in, kernel, stride, padding, pooling before, tap behind.
+# Of each convolution: index in torchvision's features, out, in, kernel, stride, padding, pooling before, tap after.
 NETWORKS = {
     "vgg": (2, [(0, 64, 3, 3, 1, 1, 0, 0), (2, 64, 64, 3, 1, 1, 0, 1), (5, 128, 64, 3, 1, 1, 1, 0),
                 (7, 128, 128, 3, 1, 1, 0, 1), (10, 256, 128, 3, 1, 1, 1, 0), (12, 256, 256, 3, 1, 1, 0, 0),

@@ -413,7 +413,7 @@ static void options_of_other_sizes_are_filled_up_or_refused(void **state)
     assert_non_null(strstr(sgs_last_error(), "sgs_render_options.struct_size is 0"));
     d.options.struct_size = sizeof d.options + 8;
     assert_int_equal(draw(&d), SGS_STATUS_INVALID_ARGUMENT);
-    // A struct that ends after the filter: the memory behind it is not read.
+    // A struct that ends after the filter: the memory past it is not read.
     d.options.struct_size = offsetof(sgs_render_options, near_distance);
     d.options.near_distance = NAN;
     d.options.sh_degree = 77;

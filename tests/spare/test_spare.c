@@ -58,7 +58,7 @@ static void free_fixture(fixture *f)
     sgsi_free(f->workspace);
 }
 
-// Runs on uninitialised memory of exactly the documented size with a guard behind it, and checks
+// Runs on uninitialised memory of exactly the documented size with a guard after it, and checks
 // that nothing was allocated.
 static void evaluate(fixture *f, const spare_options *options)
 {

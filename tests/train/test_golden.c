@@ -121,7 +121,7 @@ static void compare(const char *set, const char *pipeline, const result *r)
                  (int)json_integer_value(json_object_get(entry, "gaussians")));
 }
 
-static void trainings_give_the_golden_numbers(void **state)
+static void training_gives_the_golden_numbers(void **state)
 {
     (void)state;
     const sgs_isa best = sgs_isa_get();
@@ -147,6 +147,6 @@ static void trainings_give_the_golden_numbers(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(trainings_give_the_golden_numbers)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(training_gives_the_golden_numbers)};
     return cmocka_run_group_tests(tests, load, unload);
 }

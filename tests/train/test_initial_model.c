@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The model that a training begins with, from option init.
+// The model that a training run begins with, from option init.
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Short runs on large photos begin with images of half the size: the bundled scene with each
-// pixel repeated, 960 x 540.
+// Short runs on high-resolution images begin with images of half the size: the bundled scene with
+// each pixel repeated, 960 x 540.
 
 #include <setjmp.h>
 #include <stdarg.h>

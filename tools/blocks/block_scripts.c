@@ -29,7 +29,7 @@ static const char body[] =
     "fi\n"
     "sparegs=${SPAREGS:-sparegs}\n"
     "\n"
-    "# train OUT OPTION...: starts a training or continues it. Returns its exit status.\n"
+    "# train OUT OPTION...: starts a training run or continues it. Returns its exit status.\n"
     "train() {\n"
     "    local out=$1 status=0 requeue=\n"
     "    shift\n"

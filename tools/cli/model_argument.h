@@ -39,7 +39,7 @@ void model_measure(const sgs_gaussians *model, double center[3], double *range);
 // held out.
 int model_scene_resolve(scene_values *values, const command_line *line, const model_path *located);
 
-// Warns if the file records another space than that of a training that starts from it.
+// Warns if the file records another space than that of a training run that starts from it.
 void model_warn_space(const model_path *located, sgs_space space);
 
 // The space and the white point of a model's colours, as files record them: encoded colours with

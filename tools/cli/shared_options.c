@@ -289,7 +289,7 @@ static sgs_status load_cameras(const char *path, sgs_scene_options *options, sgs
     return status;
 }
 
-// Images beyond the cache can make decoding the slowest part of a training.
+// Images beyond the cache can make decoding the slowest part of a training run.
 static void note_cache(const sgs_scene *scene, uint64_t bytes)
 {
     const double limit = (double)bytes, all = (double)scene->photo_bytes;

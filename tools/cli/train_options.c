@@ -401,5 +401,5 @@ void train_warn_idle(const train_values *values, const command_line *line)
         warn_idle(line, "spare-capacity-min|spare-capacity-max", "on a --spare-demand without c");
     if (o->schedule == SGS_SCHEDULE_FINETUNE && !values->init)
         print_warning("--schedule finetune is for a trained model: without --init, no primitives "
-                      "are added to the point cloud, and its points hardly move");
+                      "are added to the point cloud, and its points barely move");
 }

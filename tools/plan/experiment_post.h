@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The steps of an experiment after a training: pruning or compression of the trained model at
+// The steps of an experiment after a training run: pruning or compression of the trained model at
 // several operating points, and the quality of the result. Functions that return bool print their
 // error before they return false.
 //

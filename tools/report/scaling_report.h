@@ -23,6 +23,6 @@ extern const scaling_target scaling_targets[SCALING_TARGETS];
 json_t *scaling_json(const sgs_scaling *scaling);
 
 // Adds serial_seconds, waiting_seconds, bytes_per_iteration, bytes and predicted_speedup to the
-// summary of a training.
+// summary of a training run.
 void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds,
                           const sgs_train_bytes *bytes);

@@ -132,7 +132,7 @@ static bool fit_exposure(const sgs_frame *frame, const float *transmittance, con
     return true;
 }
 
-// Applies the exposure of the photo to the render and adds the background: behind the map if
+// Applies the exposure of the photo to the render and adds the background: after the map if
 // the photo has an alpha channel, as in training. *half receives the mask of pixels to
 // evaluate if the other half was used to fit the exposure.
 static bool expose(const evaluator *evaluation, const sgs_view *view, const sgs_photo *photo,

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Checks that the memory suffices for a training, before its images are loaded.
+// Checks that the memory suffices for a training run, before its images are loaded.
 
 #include <stdbool.h>
 

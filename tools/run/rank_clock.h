@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What a rank spends in the calls between ranks during the iterations of a training, for
+// What a rank spends in the calls between ranks during the iterations of a training run, for
 // summary.json. Without ranks nothing is counted.
 
 #include <jansson.h>

@@ -67,7 +67,7 @@ static long fail_damaged(const char *path, long offset)
     return -1;
 }
 
-// True if a record follows anywhere behind the header at `offset`: that record is not the last one,
+// True if a record follows anywhere after the header at `offset`: that record is not the last one,
 // although its regions exceed the file.
 static bool record_follows(FILE *stream, long offset, uint32_t iteration)
 {

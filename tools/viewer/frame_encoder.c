@@ -101,7 +101,7 @@ static void filter_rows(const sgs_image8 *image, uint8_t *work, uint8_t *out)
     }
 }
 
-// Deflates the rows behind the header at `bytes` and completes the file. Returns its size, 0 if it
+// Deflates the rows after the header at `bytes` and completes the file. Returns its size, 0 if it
 // does not fit.
 static size_t write_png(const sgs_image8 *image, const uint8_t *rows, size_t row_bytes,
                         uint8_t *bytes, size_t capacity, struct libdeflate_compressor *deflate)

@@ -1,14 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The run: progress, curves, structural updates, phases, options, and the buttons of a training.
+// The run: progress, curves, structural updates, phases, options, and the buttons of a training run.
 
 const curves = [['loss', 'loss'], ['psnr_train', 'training PSNR, dB'], ['gaussians', 'primitives'], ['rss_bytes', 'memory, MB']];
 
 const updateHint = byId('updateText').textContent;
 let chosenUpdate = null; // its iteration
 
-// Draws the curves. During a training they are drawn again and again; the chosen update and the focus remain.
+// Draws the curves. During a training run they are drawn again and again; the chosen update and the focus remain.
 function showHistory(history) {
   const train = history.train, spare = history.spare, box = byId('plots');
   const focused = document.activeElement.closest('#plots .update');

@@ -78,7 +78,7 @@ bool pause_watch_expires(pause_watch *watch, int pages, double now)
     return watch->is_alone && now - watch->since >= PAUSE_SECONDS_ALONE;
 }
 
-// A paused training leaves the cores to the viewer.
+// A paused run leaves the cores to the viewer.
 static void set_paused(training_view *view, bool paused, const char *note)
 {
     pthread_mutex_lock(&view->lock);

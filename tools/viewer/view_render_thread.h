@@ -20,7 +20,7 @@ typedef struct view_render_thread {
     // A reply to MESSAGE_HISTORY; a new reference.
     json_t *(*history)(void *context);
     void *context;
-    // Share of the time that drawing may take, (0, 1]; below 1 beside a training.
+    // Share of the time that drawing may take, (0, 1]; below 1 beside a training run.
     _Atomic double share;
     bool is_live; // the model is replaced from time to time
 

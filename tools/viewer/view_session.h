@@ -14,7 +14,7 @@ typedef struct view_session {
     view_server *server;
     char token[TOKEN_MAXIMUM + 1]; // "" = none
     bool training;
-    // Of a training, or NULL: its state, and what receives the actions of pages.
+    // Of a training run, or NULL: its state, and what receives the actions of pages.
     json_t *(*progress)(void *context);
     void (*act)(void *context, run_action action);
     void *run_context;

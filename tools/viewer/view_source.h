@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the viewer shows: a model, stored or copied from a training, its cameras and photos,
+// What the viewer shows: a model, stored or copied from a training run, its cameras and photos,
 // and the records of its run.
 //
-// Threads: the render thread holds `lock` while it uses model, renderer and regions. A training
+// Threads: the render thread holds `lock` while it uses model, renderer and regions. A training run
 // replaces the model by view_source_offer between two iterations, if the lock is free.
 
 #include <pthread.h>
@@ -55,7 +55,7 @@ bool view_renderer_create(const sgs_gaussians *model, sgs_renderer **renderer);
 bool view_source_open(view_source *source, sgs_gaussians *model, const char *folder, int iteration);
 void view_source_close(view_source *source);
 
-// A copy of the model of a training, if one is wanted and the render thread is not drawing.
+// A copy of the model of a training run, if one is wanted and the render thread is not drawing.
 // filter_3d: see sgs_trainer_filter_3d. True if the model was copied.
 bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,
                        int iteration);

@@ -180,7 +180,7 @@ check no_warning test ! -s "$temporary/stderr"
 run 0 convert "$ply" "$temporary/s.html"
 check the_page_shows_display_values test "$(grep -c '^"linear":false,$' "$temporary/s.html")" = 1
 run 0 convert "$ply" "$temporary/w.spz" --white 4
-reports "spz cannot record the white point; render with --white 4"
+reports "spz cannot record the white level; render with --white 4"
 run 0 compress "$temporary/n.ply" -o "$temporary/l.sgc" --method ghap --filter mip --quiet
 check no_warning test ! -s "$temporary/stderr"
 run 0 decompress "$temporary/l.sgc" -o "$temporary/from_sgc.ply"

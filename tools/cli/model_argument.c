@@ -180,7 +180,7 @@ static void warn_about_colors(const char *path, const char *name, const sgs_mode
                       "render with --train-space linear%s",
                       path, name, white);
     else if (*white)
-        print_warning("%s: %s cannot record the white point; render with%s", path, name, white);
+        print_warning("%s: %s cannot record the white level; render with%s", path, name, white);
 }
 
 void model_warn_unmarked(const char *path, sgs_model_format format,

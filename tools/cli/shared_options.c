@@ -186,7 +186,7 @@ static const option scene_options[] = {
      .argument = "X",
      .initial = "0",
      .shown = "the 99th percentile of linear images",
-     .help = "white point: the scene-linear value that maps to 1 in the model"},
+     .help = "white level: the scene-linear value that maps to 1 in the model"},
 };
 
 option_group scene_group(scene_values *values)

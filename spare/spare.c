@@ -35,7 +35,7 @@
 //     formula divides by d_i only. The formula is implemented as printed. H enters through its rank
 //     only, so the influence is small.
 //   OPEN-2, the budget B, "dynamically scaled" with N: B = kappa N with kappa = 1, a pure
-//     redistribution target. kappa < 1 would put every region over budget, which amounts to a
+//     redistribution target. kappa < 1 would put every region over quota, which amounts to a
 //     higher threshold.
 //   OPEN-3, Phi, "a bounded sigmoid": w = 1 + gamma tanh(kappa_s s / 2), kappa_s = 2, with gamma =
 //     gamma_0 (1 + l~) / 2 for s >= 0 and gamma_0 (1 - l~ / 2) for s < 0, gamma_0 = 3/8. So w = 1
@@ -49,7 +49,7 @@
 // [1/4, 4]; otherwise a few voxels of tiny primitives take the whole budget. The median is taken
 // over regions with A_r > 0 (mean of the two middle values for an even number); a region with
 // A_r = 0 was not seen and has C_r = 1. a_i / d_i is 0 when d_i = 0, as in the base pipelines, so a
-// faint primitive of an over-budget region that no view has seen is redundant unless
+// faint primitive of an over-quota region that no view has seen is redundant unless
 // rap_require_visible is set. A primitive with a non-finite centre is excluded from the box, the
 // regions and N; its weight is 1 and it is not redundant. A non-finite gradient or
 // radius counts as 0 in the means and never passes the gradient test of (24).

@@ -30,7 +30,7 @@
 // approaches the published method.
 //
 // SPARE-GS (a proposal; the paper does not treat this pipeline): w multiplies the opacities of both
-// draws, and growth is proportional to sum min(w, 1) instead of N, so that over-budget regions
+// draws, and growth is proportional to sum min(w, 1) instead of N, so that over-quota regions
 // contribute less. Redundant rows are treated with the dead ones: they are deleted and the cap is
 // reduced by as many, or relocated. The opacity loss makes many rows faint, so an update takes the
 // faintest: at most 5 % (mcmc_growth) below 30 000 iterations. With the published growth, deleting

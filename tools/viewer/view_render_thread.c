@@ -358,7 +358,7 @@ static json_t *crop_reply(const view_render_thread *render, const render_task *t
 {
     if (render->is_live)
         return json_pack("{s:s,s:s}", "type", "error", "text",
-                         "the model of a running training cannot be cropped");
+                         "cannot crop while training is running");
     json_t *reply = crop_save(&task->request.crop, render->source);
     if (reply)
         return reply;

@@ -25,9 +25,9 @@ static const char description[] =
     "sparse-32k, dense-500k and dense-2m), or on MODEL (a model file or a run folder) viewed from "
     "the cameras of SCENE. Prints median, minimum and maximum over the repetitions: core time "
     "(wall-clock time x threads) per ray hit (TSC cycles, ns) and per megapixel. Machine peaks are "
-    "measured in the same run. `forward` is "
-    "projection, ordering and blending, without `gather`; `total` is gather, forward and backward; "
-    "`iteration` is everything except `build`. --ranks predicts training on several machines.";
+    "measured in the same run. `forward` is projection, ordering and blending, without `gather`; "
+    "`total` is gather, forward and backward; `iteration` is everything except `build`. --ranks "
+    "predicts training on several machines.";
 
 typedef struct bench_values {
     integer_list threads, ranks;

@@ -23,17 +23,14 @@
 
 static const char description[] =
     "Compresses MODEL (a model file, or a run folder, whose latest iteration is used) with one of "
-    "four "
-    "published methods, or fcgs-like. SCENE provides the views for methods that weight primitives "
-    "by their blending weights or that fine-tune the result. `sparegs decompress` writes the PLY "
-    "file again.\nghap reduces the "
-    "number of primitives and stores the rest as floats. sog sorts all primitives into a square "
-    "grid and stores the grid as images; it does not write PlayCanvas .sog, use `sparegs convert` "
-    "for that. lightgaussian quantises the SH coefficients with a codebook. mesongs "
-    "codes "
-    "positions as an octree and attributes with RAHT and 8 bits. fcgs-like codes quantised "
-    "attributes with probabilities fitted to the model; it has the structure of FCGS without its "
-    "trained network, so its results are not those of FCGS.";
+    "four published methods, or fcgs-like. SCENE provides the views for methods that weight "
+    "primitives by their blending weights or that fine-tune the result. `sparegs decompress` "
+    "writes the PLY file again.\nghap reduces the number of primitives and stores the rest as "
+    "floats. sog sorts all primitives into a square grid and stores the grid as images; it does "
+    "not write PlayCanvas .sog, use `sparegs convert` for that. lightgaussian quantises the SH "
+    "coefficients with a codebook. mesongs codes positions as an octree and attributes with RAHT "
+    "and 8 bits. fcgs-like codes quantised attributes with probabilities fitted to the model; it "
+    "has the structure of FCGS without its trained network, so its results are not those of FCGS.";
 
 // The words of --method; the last one is unlisted, and refused by the library.
 #define METHOD_WORDS "lightgaussian|sog|mesongs|ghap|fcgs-like"

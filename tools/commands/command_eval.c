@@ -29,11 +29,10 @@
 
 static const char description[] =
     "Renders the views of SCENE from MODEL (a model file, or a run folder, whose latest iteration "
-    "is used) "
-    "and compares them with the photos. Both images are quantised to 8 bits. PSNR covers all "
-    "pixels and channels; SSIM uses an 11 x 11 Gaussian window with zero padding; FLIP is the mean "
-    "perceptual error at 67 pixels per degree, 0 to 1; sharpness is the Laplacian energy of the "
-    "render over that of the photo, below 1 = blurred. Image folder, size, split, filter and "
+    "is used) and compares them with the photos. Both images are quantised to 8 bits. PSNR covers "
+    "all pixels and channels; SSIM uses an 11 x 11 Gaussian window with zero padding; FLIP is the "
+    "mean perceptual error at 67 pixels per degree, 0 to 1; sharpness is the Laplacian energy of "
+    "the render over that of the photo, below 1 = blurred. Image folder, size, split, filter and "
     "background default to those of the run. Under mpirun or srun, the views are distributed over "
     "the processes.";
 

@@ -18,10 +18,9 @@
 #include "run/region_json.h"
 
 static const char description[] =
-    "Reports the SPARE-GS quotas of the training run in the folder OUT. For the "
-    "regions furthest from their quota at the last structural update, or for the region around a "
-    "point, prints demand, quota, number of primitives, and how many were cloned, split and "
-    "removed.";
+    "Reports the SPARE-GS quotas of the training run in the folder OUT. For the regions furthest "
+    "from their quota at the last structural update, or for the region around a point, prints "
+    "demand, quota, number of primitives, and how many were cloned, split and removed.";
 
 typedef struct explain_values {
     const char *region;

@@ -23,9 +23,8 @@
 
 static const char description[] =
     "Describes MODEL (a model file, or a run folder, whose latest iteration is used) or SCENE (a "
-    "data set): "
-    "counts, bounds, quantiles of scales and opacities, camera models, image sizes, split, "
-    "warnings.";
+    "data set): counts, bounds, quantiles of scales and opacities, camera models, image sizes, "
+    "split, warnings.";
 
 // {"minimum":…, "1%":…, "median":…, "99%":…, "maximum":…}; sorts the values.
 static json_t *quantiles(double *values, size_t count)

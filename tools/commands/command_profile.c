@@ -25,8 +25,8 @@ static const char description[] =
     "and that tree after many refits. Reports build and refit time, memory, SAH cost, overlap, "
     "traversal counts, false positives, hits until rays terminate, cost per tile, and the phases "
     "of a training iteration over the same views, then recommends a build quality and a rebuild "
-    "interval, and names the dominant phase. "
-    "With -o DIR, writes heat maps per pixel and per tile as EXR and PNG.";
+    "interval, and names the dominant phase. With -o DIR, writes heat maps per pixel and per tile "
+    "as EXR and PNG.";
 
 typedef struct profile_values {
     const char *output, *view, *trace, *run;

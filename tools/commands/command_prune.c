@@ -27,11 +27,10 @@
 static const char description[] =
     "Removes the fraction R of the primitives of MODEL (a model file, or a run folder, whose "
     "latest iteration is used) with the lowest importance scores, and writes the rest to OUT. "
-    "lightgaussian: "
-    "opacity times transmittance over all hits in the training views, weighted by volume. refine: "
-    "closed form from the parameters and the camera positions, without rendering. pup: log "
-    "determinant of the Fisher matrix of position and scale over the training views (PUP 3D-GS). "
-    "rap: a network on 15 features of the parameters; its weights are a file of RAP's "
+    "lightgaussian: opacity times transmittance over all hits in the training views, weighted by "
+    "volume. refine: closed form from the parameters and the camera positions, without rendering. "
+    "pup: log determinant of the Fisher matrix of position and scale over the training views (PUP "
+    "3D-GS). rap: a network on 15 features of the parameters; its weights are a file of RAP's "
     "authors.\nWith several ratios OUT is a folder of files prune_R.ply. lightgaussian and pup "
     "require SCENE; refine reads the cameras of SCENE, or of the run's cameras.json. Image folder, "
     "size, split, filter and background default to those of the run.";

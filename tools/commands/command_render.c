@@ -28,12 +28,10 @@
 
 static const char description[] =
     "Renders MODEL (a model file, or a run folder, whose latest iteration is used) from the "
-    "cameras of "
-    "SCENE, "
-    "from a camera file, or along a path around the scene. Writes DIR/STEM.exr with all AOVs as "
-    "layers, or DIR/STEM.png and DIR/STEM.AOV.png, where STEM is the image name of the view "
-    "without extension, and prints the paths. EXR colours are premultiplied by alpha, without "
-    "background, and scene-linear: the model's display (sRGB) values are decoded unless "
+    "cameras of SCENE, from a camera file, or along a path around the scene. Writes DIR/STEM.exr "
+    "with all AOVs as layers, or DIR/STEM.png and DIR/STEM.AOV.png, where STEM is the image name "
+    "of the view without extension, and prints the paths. EXR colours are premultiplied by alpha, "
+    "without background, and scene-linear: the model's display (sRGB) values are decoded unless "
     "--exr-encoding srgb is given. PNGs and videos are composited over the background. Under "
     "mpirun or srun, the views are distributed over the processes, and rank 0 encodes the video.";
 

@@ -18,10 +18,9 @@
 
 static const char description[] =
     "Shows MODEL (a model file, or a run folder, whose latest iteration is used) in the browser, "
-    "rendered by "
-    "the ray tracer. Prints the address to open and serves until SIGINT or SIGTERM. With SCENE, "
-    "its photos can be shown next to the renders. A run folder provides its cameras, even "
-    "without SCENE, and the curves of its training.";
+    "rendered by the ray tracer. Prints the address to open and serves until SIGINT or SIGTERM. "
+    "With SCENE, its photos can be shown next to the renders. A run folder provides its cameras, "
+    "even without SCENE, and the curves of its training.";
 
 typedef struct view_values {
     int port;

@@ -34,6 +34,7 @@ if [ "${1:-}" = --long ]; then
         libmpich-dev mpich               # ranks by another MPI library
         slurm-wlm munge                  # the job script of tools/manual/cluster.md
         chromium                         # the pages of `report` and `view`
+        nodejs                           # the scripts of these pages without a browser
         python3-torch                    # reference values of LPIPS and RAP
         clang-16                         # another compiler, on Debian 12
     )

@@ -140,6 +140,8 @@ typedef struct sgs_model_write_options {
     // Recorded if the format can record them, and they are linear or the white point is known;
     // `named` is ignored.
     sgs_model_colors colors;
+    // HTML: the up axis of the page, world, any length. Zero: the mean up axis of the cameras.
+    double up[3];
 } sgs_model_write_options;
 
 // Writes the defaults to a struct of `size` bytes, see status.h: SPZ 3 with RUB axes, KSPLAT level

@@ -327,6 +327,8 @@ static sgs_status check_write_options(const char *path, const sgs_model_write_op
         wrong = "lod_levels is not within 1 to 16";
     else if (options->camera_count && !options->cameras)
         wrong = "camera_count is not 0, but cameras is NULL";
+    else if (!isfinite(options->up[0]) || !isfinite(options->up[1]) || !isfinite(options->up[2]))
+        wrong = "up is not finite";
     else
         wrong = sgsi_colors_wrong(&options->colors);
     return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %s", path, wrong) : SGS_STATUS_OK;

@@ -104,7 +104,8 @@ static bool write_page(FILE *stream, const char *name, const sgs_model_write_opt
     const bool done =
         write_value(stream, "name", title ? title : json_string("model")) &&
         write_value(stream, "meta", json_loadb((const char *)meta->bytes, meta->size, 0, NULL)) &&
-        write_value(stream, "cameras", camera_list(options));
+        write_value(stream, "cameras", camera_list(options)) &&
+        write_value(stream, "up", real_list(options->up, 3));
     fprintf(stream, "\"linear\":%s,\n",
             options->colors.space == SGS_SPACE_LINEAR ? "true" : "false");
     fputs("\"files\":{", stream);

@@ -245,13 +245,14 @@ function sorter() {
 
 const camera = {eye: [0, 0, 0], axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], lens: null, number: 0, moved: false};
 const views = given.cameras;
-let target = [0, 0, 0], up = [0, -1, 0], near = 0.2, extent = 1;
+const hasUp = Math.hypot(...given.up) > 0;
+let target = [0, 0, 0], up = hasUp ? unit(given.up) : [0, -1, 0], near = 0.2, extent = 1;
 
 function quantile(values, share) {
   return values.slice().sort()[Math.floor(share * (values.length - 1))];
 }
 
-// Centre and size of the model, the mean up axis, and a camera for models without one.
+// Centre and size of the model, the up axis, and a camera for models without one.
 function frame(means) {
   const step = Math.max(1, Math.floor(count / 20000)), part = [[], [], []];
   for (let i = 0; i < count; i += step) for (let k = 0; k < 3; ++k) part[k].push(means[3 * i + k]);
@@ -259,7 +260,7 @@ function frame(means) {
   target = sorted.map((p) => quantile(p, 0.5));
   extent = Math.max(...sorted.map((p) => quantile(p, 0.9) - quantile(p, 0.1))) || 1; // 1: as model_measure
   if (views.length) {
-    up = unit(views.reduce((sum, v) => add(sum, v.axes[1], -1), [0, 0, 0]));
+    if (!hasUp) up = unit(views.reduce((sum, v) => add(sum, v.axes[1], -1), [0, 0, 0]));
     const middle = views.reduce((sum, v) => add(sum, v.eye, 1 / views.length), [0, 0, 0]);
     const reach = 1.1 * Math.max(...views.map((v) => Math.hypot(...add(v.eye, middle, -1))));
     near = 0.2 * Math.min(1, reach || 1);

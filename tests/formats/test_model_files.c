@@ -389,6 +389,8 @@ static void only_ply_holds_values_that_are_not_finite(void **state)
     sgs_gaussians *model = model_random(20, 1), *back;
     const sgs_model_camera *const no_cameras = NULL;
     sgs_model_write_options options = sgs_model_write_options_default();
+    sgs_model_write_options tilted = sgs_model_write_options_default();
+    tilted.up[1] = NAN;
     options.cameras = no_cameras;
     options.camera_count = 2;
     for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
@@ -403,6 +405,7 @@ static void only_ply_holds_values_that_are_not_finite(void **state)
             *value = before;
         }
         refuses(path, model, &options, "cameras is NULL");
+        refuses(path, model, &tilted, "up is not finite");
         *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = INFINITY; // opaque
         assert_int_equal(sgs_model_write(path, model, NULL, NULL), SGS_STATUS_OK);
         unlink(path);

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "cameras/camera_export.h"
+#include "cameras/camera_path.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/json_output.h"
@@ -486,10 +487,12 @@ static bool transform_model(const convert_plan *plan, sgs_gaussians *model)
     return true;
 }
 
-// The cameras move with the model.
-static void transform_camera(const convert_plan *plan, sgs_model_camera *camera)
+// The rotation of the model as a matrix.
+static void plan_rotation(const convert_plan *plan, double rotation[3][3])
 {
-    double rotation[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, turned[9];
+    for (int row = 0; row < 3; ++row)
+        for (int column = 0; column < 3; ++column)
+            rotation[row][column] = row == column;
     for (int axis = 0; axis < 3; ++axis) {
         const double angle = plan->rotate[axis] * acos(-1.0) / 180.0, c = cos(angle),
                      s = sin(angle);
@@ -500,6 +503,24 @@ static void transform_camera(const convert_plan *plan, sgs_model_camera *camera)
             rotation[k][column] = s * a + c * b;
         }
     }
+}
+
+// The up axis of the capture, which turns with the model.
+static void transform_up(const convert_plan *plan, const sgs_scene *scene, double up[3])
+{
+    double rotation[3][3], before[3];
+    plan_rotation(plan, rotation);
+    camera_path_up(scene, NULL, before);
+    for (int row = 0; row < 3; ++row)
+        up[row] = rotation[row][0] * before[0] + rotation[row][1] * before[1] +
+                  rotation[row][2] * before[2];
+}
+
+// The cameras move with the model.
+static void transform_camera(const convert_plan *plan, sgs_model_camera *camera)
+{
+    double rotation[3][3], turned[9];
+    plan_rotation(plan, rotation);
     // x' = S R x + T: the new pose is r R^T, S t - r R^T T.
     for (int row = 0; row < 3; ++row)
         for (int column = 0; column < 3; ++column) {
@@ -563,6 +584,8 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     progress_work_start();
     options.cameras = cameras;
     options.camera_count = cameras ? scene->view_count : 0;
+    if (cameras)
+        transform_up(plan, scene, options.up);
     const sgs_status status = sgs_model_write(path, model, &options, written);
     progress_end();
     free(cameras);

@@ -8,6 +8,7 @@
 #include <time.h>
 
 #include "cameras/camera_export.h"
+#include "cameras/camera_path.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
@@ -86,6 +87,7 @@ static int export_page(const char *path, const view_source *source)
     sgs_model_write_options options = model_write_options(&source->drawing);
     options.cameras = cameras;
     options.camera_count = views->count;
+    camera_path_up(source->scene, views, options.up);
     options.progress = model_show_encoding;
     model_warn_unmarked(path, SGS_MODEL_HTML, &options);
     progress_work_start();

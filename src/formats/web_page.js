@@ -277,6 +277,7 @@ function goTo(number) {
   const view = camera.lens = views[camera.number];
   camera.eye = view.eye.slice();
   camera.axes = view.axes.map((a) => a.slice());
+  updateRoll(true);
   // Orbit about the point of the view axis that is nearest to the model's centre.
   const depth = dot(add(centre, camera.eye, -1), camera.axes[2]);
   target = add(camera.eye, camera.axes[2], depth > near ? depth : 0.5 * extent);
@@ -295,11 +296,26 @@ function turn(axis, angle) {
   camera.axes = [right, cross(front, right), front];
 }
 
+// How the camera is rolled, as in the viewer: upside down beyond 135 degrees, sideways (a photo in portrait) from 45 to
+// 135. Both keep their value within 8 degrees of these limits, and near the poles.
+let upsideDown = false, sideways = false;
+
+function updateRoll(isNew) {
+  const level = -dot(up, camera.axes[1]), slack = isNew ? 0 : 0.1, limit = Math.SQRT1_2;
+  const flat = Math.hypot(level, dot(up, camera.axes[0])), roll = flat > 0.05 ? level / flat : 1; // cosine
+  if (isNew || flat > 0.5) {
+    upsideDown = roll < -limit + (upsideDown ? slack : -slack);
+    sideways = flat > 0.5 && Math.abs(roll) < limit + (sideways ? slack : -slack);
+  }
+}
+
 function orbit(dx, dy) {
-  const side = dot(up, camera.axes[1]) > 0 ? -1 : 1; // upside down: drag as seen
+  updateRoll(false);
+  const side = upsideDown ? -1 : 1; // upside down: drag as seen
   turn(up, -dx * side);
-  const lift = dot(rotate(camera.axes[2], camera.axes[0], -dy), up);
-  if (Math.abs(lift) < 0.998 || Math.abs(lift) < Math.abs(dot(camera.axes[2], up))) turn(camera.axes[0], -dy);
+  const level = cross(camera.axes[2], up), axis = sideways && Math.hypot(...level) > 1e-3 ? unit(level.map((x) => x * side)) : camera.axes[0];
+  const lift = dot(rotate(camera.axes[2], axis, -dy), up);
+  if (Math.abs(lift) < 0.998 || Math.abs(lift) < Math.abs(dot(camera.axes[2], up))) turn(axis, -dy);
   moved();
 }
 

@@ -5,7 +5,7 @@
 // Checks of the pages' scripts in node. Each check is a function whose name states the property.
 
 const assert = require('assert/strict');
-const {standalonePage} = require('./page_dom.js');
+const {standalonePage, viewerPage} = require('./page_dom.js');
 
 // Rows right, down, front.
 const level = {name: 'a', width: 4, height: 3, fx: 4, fy: 4, cx: 2, cy: 1.5, eye: [0, 0, -2], axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]};
@@ -16,7 +16,102 @@ function the_standalone_page_orbits_about_the_up_axis_of_the_file() {
   assert.deepEqual([...standalonePage({count: 1, cameras: [level], up: [0, 0, 0]}).run(means)].map((x) => x + 0), [0, -1, 0]);
 }
 
-const checks = [the_standalone_page_orbits_about_the_up_axis_of_the_file];
+// ---- Orbits ----
+
+// The rows right, up, back of a camera that looks down by `tilt` at azimuth 0 and is rolled by `roll` degrees; up is -y.
+function rolled(roll, tilt = 20) {
+  const [c, s] = [Math.cos(tilt * Math.PI / 180), Math.sin(tilt * Math.PI / 180)];
+  const right = [1, 0, 0], up = [0, -c, s], back = [0, -s, -c]; // right x up = back
+  const [a, b] = [Math.cos(roll * Math.PI / 180), Math.sin(roll * Math.PI / 180)];
+  const mix = (x, y, p, q) => x.map((value, k) => p * value + q * y[k]);
+  return {right: mix(right, up, a, b), up: mix(up, right, a, -b), back};
+}
+
+function matrixOf({right: r, up: u, back: b}) {
+  return [0, 1, 2].flatMap((k) => [r[k], u[k], b[k], 3 * b[k]]).concat([0, 0, 0, 1]);
+}
+
+// Azimuth and elevation of the camera as seen from its target, in radians.
+function angles(back) {
+  return [Math.atan2(back[0], -back[2]), Math.asin(-back[1])];
+}
+
+// The change of both by a drag.
+function viewerDrag(roll, call, tilt) {
+  const page = viewerPage();
+  page.run(`setMatrix([${matrixOf(rolled(roll, tilt))}]); camera.target = [0, 0, 0]`);
+  const before = angles(page.run('camera.back'));
+  page.run(call);
+  return angles(page.run('camera.back')).map((angle, k) => angle - before[k]);
+}
+
+function standaloneDrag(roll, call) {
+  const {right, up, back} = rolled(roll), page = standalonePage({up: [0, -1, 0]});
+  const axes = [right, up.map((x) => -x), back.map((x) => -x)];
+  page.sandbox.taken = {...level, axes, eye: back.map((x) => 3 * x)};
+  page.run('views.push(taken); goTo(0); target = [0, 0, 0]');
+  page.run(call);
+  const after = angles(page.run('camera.axes[2]').map((x) => -x)), before = angles(back);
+  return after.map((angle, k) => angle - before[k]);
+}
+
+const near = (a, b, within) => assert.ok(Math.abs(a - b) <= within, `${a} is not within ${within} of ${b}`);
+
+function drags_of_photos_in_portrait_change_azimuth_and_elevation() {
+  for (const drag of [viewerDrag, standaloneDrag]) {
+    const across = drag(0, 'orbit(0.1, 0)')[0], along = drag(0, 'orbit(0, 0.1)')[1];
+    near(Math.abs(across), 0.1, 1e-9);
+    near(Math.abs(along), 0.1, 1e-9);
+    for (const roll of [-120, -92, -90, -88, -60, 60, 75, 88, 90, 92, 120]) {
+      const [azimuth, elevation] = drag(roll, 'orbit(0, 0.1)');
+      near(elevation, along, 1e-9);
+      near(azimuth, 0, 1e-9);
+      near(drag(roll, 'orbit(0.1, 0)')[0], across, 1e-9);
+    }
+    for (const roll of [-170, 180]) near(drag(roll, 'orbit(0.1, 0)')[0], -across, 1e-9); // as seen
+    near(drag(180, 'orbit(0, 0.1)')[1], -along, 1e-9);
+  }
+  near(viewerDrag(90, 'look(0, 0.1)')[0], 0, 1e-9);
+  near(Math.abs(viewerDrag(90, 'look(0, 0.1)')[1]), 0.1, 1e-9);
+}
+
+function a_long_drag_keeps_its_direction() {
+  for (const roll of [40, 50, 88, 92, 130, 140]) {
+    const page = viewerPage();
+    page.run(`setMatrix([${matrixOf(rolled(roll))}]); camera.target = [0, 0, 0]`);
+    let first = 0;
+    for (let k = 0; k < 200; ++k) {
+      const before = angles(page.run('camera.back'))[0];
+      page.run(`orbit(0.02, ${k % 40 < 20 ? 0.02 : -0.02})`);
+      const change = Math.sin(angles(page.run('camera.back'))[0] - before);
+      first = first || Math.sign(change);
+      assert.equal(Math.sign(change), first, `roll ${roll}, step ${k}`);
+    }
+  }
+}
+
+function drags_of_photos_taken_straight_down_turn_and_tilt() {
+  for (const roll of [0, 90, 180, 270]) {
+    const page = viewerPage();
+    page.run(`setMatrix([${matrixOf(rolled(roll, 88))}]); camera.target = [0, 0, 0]; orbit(0, 0.5)`);
+    const start = rolled(roll, 88);
+    near(page.run('camera.right').reduce((sum, value, k) => sum + value * start.right[k], 0), 1, 1e-9); // about its own right axis
+  }
+}
+
+function level_horizon_puts_the_up_axis_up() {
+  for (const roll of [0, 40, 88, 92, 135, 180, -100]) {
+    const page = viewerPage();
+    page.run(`setMatrix([${matrixOf(rolled(roll))}]); levelHorizon()`);
+    assert.ok(page.run('dot(worldUp, camera.up)') > 0.5, `roll ${roll}`);
+    near(page.run('dot(worldUp, camera.right)'), 0, 1e-12);
+  }
+}
+
+const checks = [
+  the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
+  a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
+];
 
 let failed = 0;
 for (const check of checks) {

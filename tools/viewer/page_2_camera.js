@@ -36,6 +36,7 @@ function setMatrix(m) {
   camera.up = [m[1], m[5], m[9]];
   camera.back = [m[2], m[6], m[10]];
   camera.position = [m[3], m[7], m[11]];
+  updateRoll(true);
 }
 
 function matrix(of = camera) {
@@ -56,22 +57,44 @@ function turn(axis, angle, center) {
   camera.position = add(center, rotate(add(camera.position, center, -1), axis, angle));
 }
 
+// How the camera is rolled about its axis: upside down beyond 135 degrees, sideways (a photo in portrait) from 45 to 135.
+// Both keep their value within 8 degrees of these limits, so that no drag changes its direction. Near the poles the roll
+// is not defined.
+let upsideDown = false, sideways = false;
+
+// `isNew`: the camera was set, or the up axis.
+function updateRoll(isNew) {
+  const level = dot(worldUp, camera.up), slack = isNew ? 0 : 0.1, limit = Math.SQRT1_2;
+  const flat = Math.hypot(level, dot(worldUp, camera.right)), roll = flat > 0.05 ? level / flat : 1; // cosine
+  if (isNew || flat > 0.5) {
+    upsideDown = roll < -limit + (upsideDown ? slack : -slack);
+    sideways = flat > 0.5 && Math.abs(roll) < limit + (sideways ? slack : -slack);
+  }
+}
+
 // The up axis on the side of the camera's own, so that dragging right turns right in any capture.
 function turningAxis() {
-  return dot(worldUp, camera.up) < 0 ? times(worldUp, -1) : worldUp;
+  updateRoll(false);
+  return upsideDown ? times(worldUp, -1) : worldUp;
+}
+
+// The axis of the elevation: the camera's own right axis, but of a camera that is sideways the horizontal one.
+function elevationAxis() {
+  const level = cross(turningAxis(), camera.back);
+  return sideways && norm(level) > 1e-3 ? unit(level) : camera.right;
 }
 
 function orbit(dx, dy) {
   turn(turningAxis(), -dx, camera.target);
-  const height = dot(camera.back, turningAxis());
-  const next = dot(rotate(camera.back, camera.right, -dy), turningAxis());
-  if (Math.abs(next) < 0.998 || Math.abs(next) < Math.abs(height)) turn(camera.right, -dy, camera.target);
+  const axis = elevationAxis(), height = dot(camera.back, worldUp);
+  const next = dot(rotate(camera.back, axis, -dy), worldUp);
+  if (Math.abs(next) < 0.998 || Math.abs(next) < Math.abs(height)) turn(axis, -dy, camera.target);
   moved();
 }
 
 function look(dx, dy) {
   turn(turningAxis(), dx, camera.position);
-  turn(camera.right, dy, camera.position);
+  turn(elevationAxis(), dy, camera.position);
   camera.target = add(camera.position, camera.back, -targetDistance());
   moved();
 }
@@ -103,9 +126,10 @@ function zoomTo(point, factor) {
 }
 
 function levelHorizon() {
-  const up = turningAxis();
-  const right = cross(up, camera.back);
+  const right = cross(worldUp, camera.back);
   if (norm(right) > 1e-4) camera.right = unit(right);
+  orthonormalise();
+  updateRoll(true);
   moved();
 }
 
@@ -156,6 +180,8 @@ function goHome() {
   camera.target = hello.target.slice();
   camera.position = add(camera.target, camera.back, 1.6 * hello.extent);
   camera.lens = -1;
+  orthonormalise();
+  updateRoll(true);
   moved();
 }
 

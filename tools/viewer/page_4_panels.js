@@ -11,6 +11,7 @@ function setUp() {
   const choice = byId('up').value;
   worldUp = choice === 'cameras' ? viewer.hello.up.slice() : [0, 0, 0];
   if (choice !== 'cameras') worldUp['xyz'.indexOf(choice.slice(-1))] = choice[0] === '-' ? -1 : 1;
+  updateRoll(true);
 }
 
 function rampOf(name) {

@@ -182,7 +182,7 @@ sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "
 jq -r '.pictures[0].photo' "$folder/data.json" | sed 's/^data:image.png;base64,//' | base64 -d | head -c 4 | grep -q PNG
 jq -e --argjson flip "$flip" '.runs[] | select(.pipeline == "mip" and .variant == "on") | (.test.flip - $flip | . < 1e-5 and . > -1e-5) and .test.sharpness > 0' \
     "$folder/data.json" >/dev/null
-jq -e '.pictures[0] | .flip > 0 and .flip < 1 and .sharpness > 0' "$folder/data.json" >/dev/null
+jq -e '.pictures[0] | .flip > 0 and .flip < 1 and .sharpness > 0 and .identical == false' "$folder/data.json" >/dev/null
 if grep -oE '(src|href)="?https?://[^" ]*' "$folder/out/report.html"; then echo "FAIL: the page uses the network"; exit 1; fi
 
 # The regions of an update hold all primitives, and their quotas add up to the budget.

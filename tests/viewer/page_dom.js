@@ -23,6 +23,13 @@ class Element {
     return given;
   }
   append(...list) { this.children.push(...list); }
+  appendChild(child) { this.children.push(child); return child; }
+  add(child) { this.children.push(child); }
+  insertRow() { return this.appendChild(new Element(undefined, this.page)); }
+  createTHead() { return this.insertRow(); }
+  createTBody() { return this.insertRow(); }
+  get selectedOptions() { return [{textContent: this.value}]; }
+  get allText() { return this.textContent + this.children.map((child) => child.allText || '').join('|'); }
   replaceChildren(...list) { this.children = list; }
   getBoundingClientRect() { return {left: 0, top: 0, width: 640, height: 360}; }
   getContext(kind) { return kind === '2d' ? this.page.context : null; }
@@ -49,7 +56,7 @@ class Page {
       getElementById: (id) => page.element(id),
       createElement: (name) => Object.assign(new Element(undefined, page), {tagName: name.toUpperCase()}),
       createElementNS: (_, name) => Object.assign(new Element(undefined, page), {tagName: name}),
-      body: page.element('body'),
+      body: page.element('body'), documentElement: page.element('html'),
     });
     document.activeElement = document.body;
     const window = new Element('window', this);
@@ -69,7 +76,9 @@ class Page {
       fetch: async (to) => { page.requests.push(to); return {status: 200}; },
       addEventListener: (type, call) => window.addEventListener(type, call),
       Blob: class {}, Worker: class { postMessage() {} }, ImageBitmap: class {}, createImageBitmap: async () => ({width: 1, height: 1, close() {}}),
-      atob: () => '', TextDecoder, Option: class {},
+      atob: () => '', TextDecoder,
+      Option: class { constructor(name, value) { Object.assign(this, {textContent: name, value}); } },
+      Image: class extends Element { constructor() { super(undefined, page); } },
     };
     vm.createContext(this.sandbox);
   }
@@ -122,4 +131,15 @@ function standalonePage(given) {
   return page;
 }
 
-module.exports = {Page, viewerPage, standalonePage, text};
+// The page of `report` with its data.
+function reportPage(data) {
+  const page = new Page('file:///report.html'), whole = text('tools/report/report_page.html');
+  page.element('data').textContent = JSON.stringify(data);
+  page.element('metric').value = 'psnr';
+  page.sandbox.console = {error() {}};
+  const begin = whole.lastIndexOf('<script>') + 8, end = whole.lastIndexOf('</script>');
+  page.load(whole.slice(begin, end), 'report_page');
+  return page;
+}
+
+module.exports = {viewerPage, standalonePage, reportPage};

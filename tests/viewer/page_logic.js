@@ -5,7 +5,7 @@
 // Checks of the pages' scripts in node. Each check is a function whose name states the property.
 
 const assert = require('assert/strict');
-const {standalonePage, viewerPage} = require('./page_dom.js');
+const {reportPage, standalonePage, viewerPage} = require('./page_dom.js');
 
 // Rows right, down, front.
 const level = {name: 'a', width: 4, height: 3, fx: 4, fy: 4, cx: 2, cy: 1.5, eye: [0, 0, -2], axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]};
@@ -108,9 +108,59 @@ function level_horizon_puts_the_up_axis_up() {
   }
 }
 
+// ---- The page of `report` ----
+
+function reportData(change) {
+  const run = (seed) => ({scene: 'room', pipeline: '3dgs', variant: 'on', seed, gaussians: 100 + seed, seconds: {forward: 2, loss: 1},
+    test: {psnr: 20 + seed, ssim: 0.9, flip: 0.1, sharpness: 1, lpips: null}, words: ['word ' + seed], train: [[10, 0, 0, 50], [20, 0, 0, 100]],
+    post: [{kind: 'prune', step: 'a', point: 1, bytes: 1e6, test: {psnr: 19}}],
+    regions: [{iteration: 10, grid: 4, cells: [[5, 0, 10, 11, 0.1, 1.2]]}]});
+  const data = {title: 'Title', runs: [run(0), run(1)], tables: [{title: 'A table', note: 'n', columns: ['x'], rows: [['a cell']]}],
+    pictures: [{label: 'l', drawn: 'data:a', photo: 'data:b', identical: false, psnr: 21.5, flip: 0.25, sharpness: 0.75}]};
+  change(data, data.runs[0], data.pictures[0]);
+  return data;
+}
+
+const sections = ['counts', 'quality', 'rates', 'seconds', 'regionMap', 'compare', 'tables', 'log'];
+
+function missing_values_leave_the_report_complete() {
+  const complete = reportPage(reportData(() => {}));
+  assert.match(complete.element('compare').allText, /21\.50 dB, FLIP 0\.2500, sharpness 0\.750/);
+  const changes = [
+    (data, run) => { delete run.seconds; }, (data, run) => { run.seconds = null; }, (data, run) => { run.seconds.loss = null; },
+    (data, run) => { run.test = null; }, (data, run) => { run.test.psnr = null; }, (data, run) => { delete run.gaussians; },
+    (data, run) => { run.train[0][3] = null; }, (data, run) => { run.train = []; }, (data, run) => { delete run.train; },
+    (data, run) => { run.post[0].test = null; }, (data, run) => { delete run.post; }, (data, run) => { delete run.regions; },
+    (data, run) => { delete run.words; }, (data, run, picture) => { picture.flip = null; }, (data, run, picture) => { picture.sharpness = null; },
+    (data, run, picture) => { picture.psnr = null; }, (data, run, picture) => { delete picture.psnr; },
+  ];
+  for (const change of changes) {
+    const page = reportPage(reportData(change));
+    assert.match(page.element('tables').allText, /A table.*a cell/, String(change));
+    for (const id of sections) {
+      assert.doesNotMatch(page.element(id).allText, /NaN|cannot be drawn/, `${id}: ${change}`);
+      assert.ok(id === 'log' || page.element(id).children.length > 0, `${id}: ${change}`);
+    }
+  }
+}
+
+function only_identical_pictures_have_an_infinite_psnr() {
+  const words = (change) => reportPage(reportData((data, run, picture) => change(picture))).element('compare').allText;
+  assert.match(words((picture) => Object.assign(picture, {psnr: null, identical: true})), /identical, infinite PSNR/);
+  assert.match(words((picture) => Object.assign(picture, {psnr: null})), /PSNR undefined/);
+}
+
+function a_section_that_fails_leaves_a_line_and_the_others() {
+  const page = reportPage(reportData((data, run) => { run.regions[0].cells = null; }));
+  assert.match(page.element('regionMap').allText, /This section cannot be drawn: /);
+  assert.match(page.element('compare').allText, /21\.50 dB/);
+  assert.match(page.element('tables').allText, /a cell/);
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
+  missing_values_leave_the_report_complete, only_identical_pictures_have_an_infinite_psnr, a_section_that_fails_leaves_a_line_and_the_others,
 ];
 
 let failed = 0;

@@ -5,6 +5,7 @@
 // report_page.html with data and images embedded.
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -274,10 +275,10 @@ static json_t *draw_picture(const char *folder, const char *path, const json_t *
                             json_string_value(json_object_get(run, "pipeline")),
                             json_string_value(json_object_get(run, "variant")), view->name);
             if (left && right)
-                picture =
-                    json_pack("{s:s,s:O,s:O,s:o,s:o,s:o}", "label", label, "drawn", left, "photo",
-                              right, "psnr", json_number(score.psnr), "flip",
-                              json_number(score.flip), "sharpness", json_number(score.sharpness));
+                picture = json_pack("{s:s,s:O,s:O,s:b,s:o,s:o,s:o}", "label", label, "drawn", left,
+                                    "photo", right, "identical", isinf(score.psnr) != 0, "psnr",
+                                    json_number(score.psnr), "flip", json_number(score.flip),
+                                    "sharpness", json_number(score.sharpness));
             json_decref(left);
             json_decref(right);
             free(label);

@@ -210,6 +210,16 @@ code 200 "$url"
 check a_cookie_is_set bash -c "curl -si '$url' | grep -qi '^set-cookie: .*HttpOnly; SameSite=Strict'"
 check handshake_with_token test "$(handshake "$url")" = 101
 check handshake_with_cookie test "$(handshake "${url%%\?*}" "Cookie: sparegs_view_$(sed -E 's/.*:([0-9]+).*/\1/' <<<"$url")=a-token-of-this-test")" = 101
+# A reverse proxy: its host, and its origin.
+code 200 "$url" -H 'Host: view.example' -D "$temporary/head"
+check the_cookie_is_that_of_the_path bash -c "! grep -qi '^set-cookie: .*path=' '$temporary/head'"
+code 401 "${url%%\?*}" -H 'Host: view.example'
+check a_handshake_by_a_proxy test "$(handshake "$url" 'Host: view.example' 'Origin: https://view.example')" = 101
+check a_handshake_by_a_proxy_of_another_host test "$(handshake "$url" 'X-Forwarded-Host: view.example' 'Origin: https://view.example')" = 101
+check no_handshake_of_another_origin test "$(handshake "$url" 'X-Forwarded-Host: view.example' 'Origin: https://evil.example')" = 403
+check no_handshake_by_a_proxy_without_token test "$(handshake "${url%%\?*}" 'Host: view.example' 'Origin: https://view.example')" = 401
+code 200 "$url" -H 'X-Forwarded-Host: view.example' -D "$temporary/head"
+check the_policy_names_the_proxy grep -qi '^content-security-policy: .* wss://view.example;' "$temporary/head"
 stop INT
 # The command line is readable for all users, the environment is not.
 start "$temporary/model.ply" --port 0 --token random

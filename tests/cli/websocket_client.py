@@ -22,6 +22,8 @@ class WebSocket:
         self.buffer = b""
         lines = [f"GET {path} HTTP/1.1", f"Host: {host}:{port}", "Upgrade: websocket", "Connection: Upgrade",
                  "Sec-WebSocket-Key: " + base64.b64encode(os.urandom(16)).decode(), "Sec-WebSocket-Version: 13"]
+        if any(line.lower().startswith("host:") for line in headers):
+            del lines[1]
         if origin:
             lines.append("Origin: " + origin)
         lines += headers

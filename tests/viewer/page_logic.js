@@ -157,10 +157,25 @@ function a_section_that_fails_leaves_a_line_and_the_others() {
   assert.match(page.element('tables').allText, /a cell/);
 }
 
+// ---- Addresses ----
+
+function addresses_follow_the_path_of_the_page() {
+  for (const [address, stream, photo] of [
+    ['http://127.0.0.1:8080/?token=abcdefgh', 'ws://127.0.0.1:8080/stream', '/photo/3?model=1'],
+    ['https://view.example/a/b/?token=abcdefgh', 'wss://view.example/a/b/stream', '/a/b/photo/3?model=1']]) {
+    const page = viewerPage({}, address);
+    assert.equal(page.sockets[0].url, stream);
+    assert.equal(page.run("photoAddress('photo', 3)"), photo);
+    page.run('checkToken()');
+    assert.deepEqual(page.requests, [new URL(address).pathname]);
+  }
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
   missing_values_leave_the_report_complete, only_identical_pictures_have_an_infinite_psnr, a_section_that_fails_leaves_a_line_and_the_others,
+  addresses_follow_the_path_of_the_page,
 ];
 
 let failed = 0;

@@ -74,6 +74,71 @@ static void foreign_hosts_and_origins_are_forbidden(void **state)
                      403);
 }
 
+// A reverse proxy forwards the Host of the browser, or its own and X-Forwarded-Host.
+static void a_request_with_the_token_may_name_the_host_of_a_proxy(void **state)
+{
+    (void)state;
+    static const char token[] = "abcdefgh12345678", proxy[] = "view.example:8443";
+    static const char own[] = "https://view.example:8443", other[] = "https://evil.example";
+    const access_rules rules = {.loopback = true, .token = token, .port = 8080};
+    const struct {
+        const char *host, *origin, *forwarded, *token;
+        int status;
+    } cases[] = {{proxy, NULL, "", token, 200},
+                 {proxy, own, "", token, 200},
+                 {proxy, other, "", token, 403},
+                 {proxy, own, "", NULL, 401}, // a name that resolves to 127.0.0.1
+                 {proxy, own, proxy, NULL, 401},
+                 {proxy, own, proxy, "wrong-token-12345", 401},
+                 {"127.0.0.1:8080", own, proxy, token, 200},
+                 {"127.0.0.1:8080", own, "", token, 403},
+                 {"127.0.0.1:8080", other, proxy, token, 403},
+                 {"127.0.0.1:8080", "http://127.0.0.1:8081", "", token, 403}, // the cookie's site
+                 {"127.0.0.1:8080", "null", "null", token, 403},
+                 {"127.0.0.1:8080", "https://", "", token, 403},
+                 {"view.example;x", NULL, "", token, 403},
+                 {"view.example x", NULL, "", token, 403}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        const access_request request = {.host = cases[i].host,
+                                        .origin = cases[i].origin,
+                                        .forwarded = cases[i].forwarded,
+                                        .token = cases[i].token};
+        if (access_check(&rules, &request) != cases[i].status)
+            fail_msg("case %zu", i);
+    }
+    const access_rules open = {.loopback = true, .port = 8080}; // without a token, no proxy
+    const access_request foreign = {.host = proxy, .origin = own, .forwarded = proxy},
+                         forwarded = {.host = "127.0.0.1:8080", .origin = own, .forwarded = proxy};
+    assert_int_equal(access_check(&open, &foreign), 403);
+    assert_int_equal(access_check(&open, &forwarded), 403);
+}
+
+static void the_first_forwarded_host_counts(void **state)
+{
+    (void)state;
+    char host[HOST_MAXIMUM + 1], longest[2 * HOST_MAXIMUM];
+    static const char *const cases[][2] = {{NULL, ""},
+                                           {"", ""},
+                                           {"a.example", "a.example"},
+                                           {" a.example:8443 , b.example", "a.example:8443"},
+                                           {"a.example,b.example", "a.example"},
+                                           {"[::1]:80", "[::1]:80"},
+                                           {"a;b", ""},
+                                           {"a'b", ""},
+                                           {"a:b", ""}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        forwarded_host(cases[i][0], host);
+        assert_string_equal(host, cases[i][1]);
+    }
+    memset(longest, 'a', sizeof longest);
+    longest[sizeof longest - 1] = 0;
+    forwarded_host(longest, host);
+    assert_string_equal(host, "");
+    longest[HOST_MAXIMUM] = 0;
+    forwarded_host(longest, host);
+    assert_string_equal(host, longest);
+}
+
 static void a_token_is_required_from_query_or_cookie(void **state)
 {
     (void)state;
@@ -131,6 +196,8 @@ int main(void)
         cmocka_unit_test(only_names_of_this_machine_are_loopback),
         cmocka_unit_test(an_origin_is_exactly_the_host),
         cmocka_unit_test(foreign_hosts_and_origins_are_forbidden),
+        cmocka_unit_test(a_request_with_the_token_may_name_the_host_of_a_proxy),
+        cmocka_unit_test(the_first_forwarded_host_counts),
         cmocka_unit_test(a_token_is_required_from_query_or_cookie),
         cmocka_unit_test(a_long_cookie_is_not_copied),
         cmocka_unit_test(random_tokens_are_valid_and_differ),

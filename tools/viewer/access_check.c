@@ -10,9 +10,12 @@
 #include <strings.h>
 #include <sys/random.h>
 
-// Length of the name in "name[:port]", or 0 if the port is not a number.
+// Length of the name in "name[:port]", or 0 if the port is not a number or another character is
+// in it.
 static size_t name_length(const char *host)
 {
+    if (host[strspn(host, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789.-_:[]")])
+        return 0;
     const char *const bracket = *host == '[' ? strchr(host, ']') : NULL;
     const char *const end = bracket ? bracket + 1 : host + strcspn(host, ":");
     if (*host == '[' && !bracket)
@@ -46,6 +49,19 @@ bool host_is_loopback(const char *host)
     return (length == 9 && !strncasecmp(host, "localhost", 9)) ||
            (length == 5 && !memcmp(host, "[::1]", 5)) ||
            is_loopback_number(host ? host : "", length);
+}
+
+void forwarded_host(const char *header, char host[HOST_MAXIMUM + 1])
+{
+    const char *const start = header ? header + strspn(header, " \t") : "";
+    const size_t length = strcspn(start, ", \t");
+    *host = 0;
+    if (length > HOST_MAXIMUM)
+        return;
+    memcpy(host, start, length);
+    host[length] = 0;
+    if (!name_length(host))
+        *host = 0;
 }
 
 bool origin_is_host(const char *origin, const char *host)
@@ -121,12 +137,11 @@ int access_check(const access_rules *rules, const access_request *request)
 {
     if (!request->host || !name_length(request->host))
         return 403;
-    if (rules->loopback && !host_is_loopback(request->host))
-        return 403;
-    if (request->origin && !origin_is_host(request->origin, request->host))
-        return 403;
     if (rules->token && !cookie_has(rules, request->cookie) &&
         !token_equals(request->token, rules->token))
         return 401;
-    return 200;
+    if (rules->loopback && !rules->token && !host_is_loopback(request->host))
+        return 403;
+    const bool own = !request->origin || origin_is_host(request->origin, request->host);
+    return own || (rules->token && origin_is_host(request->origin, request->forwarded)) ? 200 : 403;
 }

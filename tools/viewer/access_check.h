@@ -6,22 +6,32 @@
 // without sockets.
 //
 // A page of another site can send requests to 127.0.0.1. It cannot change the headers Host and
-// Origin, which name that site, also if its name resolves to 127.0.0.1 (DNS rebinding).
+// Origin, which name that site, also if its name resolves to 127.0.0.1 (DNS rebinding). Such a page
+// knows no token, and browsers send the cookie only to the host that set it. So a request with the
+// token may name any host, for example that of a reverse proxy; its origin must be that host, or
+// the one that the proxy names in X-Forwarded-Host, which pages cannot set.
 
 #include <stdbool.h>
 #include <stddef.h>
 
-enum { TOKEN_BYTES = 24, TOKEN_LENGTH = 32, TOKEN_MINIMUM = 8, TOKEN_MAXIMUM = 128 };
+enum {
+    TOKEN_BYTES = 24,
+    TOKEN_LENGTH = 32,
+    TOKEN_MINIMUM = 8,
+    TOKEN_MAXIMUM = 128,
+    HOST_MAXIMUM = 255
+};
 
 typedef struct access_rules {
-    bool loopback;     // bound to 127.0.0.0/8: Host must name this machine
+    bool loopback;     // bound to 127.0.0.0/8: without a token, Host must name this machine
     const char *token; // or NULL
     int port;          // part of the name of the cookie
 } access_rules;
 
-// Headers of a request; NULL if absent. token: of the query, after decoding.
+// Headers of a request; NULL if absent. token: of the query, after decoding. forwarded: by
+// forwarded_host.
 typedef struct access_request {
-    const char *host, *origin, *cookie, *token;
+    const char *host, *origin, *cookie, *token, *forwarded;
 } access_request;
 
 // 200, 401 (no or wrong token) or 403 (foreign Host or Origin).
@@ -30,6 +40,8 @@ int access_check(const access_rules *rules, const access_request *request);
 // True for "localhost", "127.x.x.x" and "[::1]", with or without a port. The port is not compared:
 // a tunnel may use another one.
 bool host_is_loopback(const char *host);
+// The first host of the header X-Forwarded-Host, which may be NULL; "" if it is malformed.
+void forwarded_host(const char *header, char host[HOST_MAXIMUM + 1]);
 // True if the origin is http:// or https:// followed by the host.
 bool origin_is_host(const char *origin, const char *host);
 // TOKEN_MINIMUM to TOKEN_MAXIMUM letters, digits, '-' and '_'.

@@ -53,6 +53,9 @@ function showMessage(text) {
 // The token of the address was exchanged for a cookie.
 if (location.search) history.replaceState(null, '', location.pathname);
 
+// The path of the page, which ends in '/': a reverse proxy may serve it below others.
+const folder = location.pathname.replace(/[^/]*$/, '');
+
 let socket = null, retries = 0;
 
 // Pause in ms before the next attempt to connect.
@@ -65,7 +68,7 @@ function send(message) {
 }
 
 function connect() {
-  socket = new WebSocket((location.protocol === 'https:' ? 'wss://' : 'ws://') + location.host + '/stream');
+  socket = new WebSocket((location.protocol === 'https:' ? 'wss://' : 'ws://') + location.host + folder + 'stream');
   socket.binaryType = 'arraybuffer';
   let full = false, open = false;
   socket.onmessage = (event) => {
@@ -88,7 +91,7 @@ function connect() {
 
 // A program that started again may have another token.
 async function checkToken() {
-  const answer = await fetch('/', {cache: 'no-store'}).catch(() => null);
+  const answer = await fetch(folder, {cache: 'no-store'}).catch(() => null);
   if (answer && answer.status === 401) notice('sparegs has another token now. Open the address that it printed.');
 }
 

@@ -139,7 +139,7 @@ const drawMore = []; // further drawings over the picture
 
 // The number of the model keeps the browser from showing those of the model before.
 function photoAddress(kind, index) {
-  return `/${kind}/${index}?model=${viewer.models}`;
+  return `${folder}${kind}/${index}?model=${viewer.models}`;
 }
 
 let photoReady = false;

@@ -124,27 +124,30 @@ static int send_status(struct mg_connection *connection, int status, const char 
 }
 
 // The page, whose placeholders NONCE allow exactly its own script and style.
-static int send_page(const view_server *server, struct mg_connection *connection, const char *host,
-                     bool sets_cookie)
+static int send_page(const view_server *server, struct mg_connection *connection,
+                     const access_request *request)
 {
     static const char placeholder[] = "NONCE";
-    char nonce[NONCE_LENGTH + 1], cookie[300] = "", name[32];
+    char nonce[NONCE_LENGTH + 1], cookie[300] = "", name[32], outer[4 * HOST_MAXIMUM] = "";
     if (!token_create(nonce))
         return send_status(connection, 503, "the system provides no random numbers");
     token_cookie_name(server->rules.port, name);
-    if (sets_cookie)
-        snprintf(cookie, sizeof cookie, "Set-Cookie: %s=%s; Path=/; HttpOnly; SameSite=Strict\r\n",
-                 name, server->rules.token);
+    // Without Path, for the path of the page, which a proxy may serve below others.
+    if (server->rules.token && *request->token)
+        snprintf(cookie, sizeof cookie, "Set-Cookie: %s=%s; HttpOnly; SameSite=Strict\r\n", name,
+                 server->rules.token);
+    if (server->rules.token && *request->forwarded)
+        snprintf(outer, sizeof outer, " ws://%s wss://%s", request->forwarded, request->forwarded);
     size_t placeholders = 0;
     for (const char *at = viewer_page; (at = strstr(at, placeholder)); at += strlen(placeholder))
         ++placeholders;
     mg_printf(connection,
               "HTTP/1.1 200 OK\r\n%s%s"
               "Content-Security-Policy: default-src 'none'; script-src 'nonce-%s'; style-src "
-              "'nonce-%s'; img-src 'self' blob: data:; connect-src 'self' ws://%s wss://%s; "
+              "'nonce-%s'; img-src 'self' blob: data:; connect-src 'self' ws://%s wss://%s%s; "
               "base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n"
               "Content-Type: text/html; charset=utf-8\r\nContent-Length: %zu\r\n\r\n",
-              common_headers, cookie, nonce, nonce, host, host,
+              common_headers, cookie, nonce, nonce, request->host, request->host, outer,
               strlen(viewer_page) + placeholders * (NONCE_LENGTH - strlen(placeholder)));
     const char *at = viewer_page;
     for (const char *next; (next = strstr(at, placeholder)); at = next + strlen(placeholder)) {
@@ -214,7 +217,7 @@ static int route(const view_server *server, struct mg_connection *connection,
                    : send_status(connection, 426,
                                  "this address accepts only WebSocket connections");
     if (!strcmp(path, "/"))
-        return send_page(server, connection, request->host, server->rules.token && *request->token);
+        return send_page(server, connection, request);
     if (!strcmp(path, "/favicon.ico")) {
         mg_printf(connection, "HTTP/1.1 204 No Content\r\n%s\r\n", common_headers);
         return 204;
@@ -230,13 +233,15 @@ static int answer_request(struct mg_connection *connection)
 {
     const struct mg_request_info *info = mg_get_request_info(connection);
     const view_server *server = info->user_data;
-    char token[TOKEN_MAXIMUM + 1] = "";
+    char token[TOKEN_MAXIMUM + 1] = "", forwarded[HOST_MAXIMUM + 1];
     if (info->query_string)
         mg_get_var(info->query_string, strlen(info->query_string), "token", token, sizeof token);
+    forwarded_host(mg_get_header(connection, "X-Forwarded-Host"), forwarded);
     const access_request request = {.host = mg_get_header(connection, "Host"),
                                     .origin = mg_get_header(connection, "Origin"),
                                     .cookie = mg_get_header(connection, "Cookie"),
-                                    .token = token};
+                                    .token = token,
+                                    .forwarded = forwarded};
     if (strcmp(info->request_method, "GET") != 0)
         return send_status(connection, 405, "only GET is supported");
     const int access = access_check(&server->rules, &request);
@@ -244,7 +249,9 @@ static int answer_request(struct mg_connection *connection)
         return send_status(connection, 401,
                            "a token is required: open the address that sparegs printed");
     if (access != 200)
-        return send_status(connection, access, "this host or origin is not allowed");
+        return send_status(connection, access,
+                           "this host or origin is not allowed; a reverse proxy requires --token "
+                           "and the header Host or X-Forwarded-Host of the browser");
     return route(server, connection, info, &request);
 }
 

@@ -171,11 +171,38 @@ function addresses_follow_the_path_of_the_page() {
   }
 }
 
+// ---- Camera path ----
+
+function the_orbit_centre_lies_in_front_of_the_cameras_of_a_path() {
+  const page = viewerPage();
+  const inFront = (distance) => {
+    const expected = page.run(`add(camera.position, camera.back, -${distance})`);
+    page.run('camera.target').forEach((value, k) => near(value, expected[k], 1e-9));
+  };
+  page.run(`setMatrix([${matrixOf(rolled(0))}]); camera.target = [0, 0, 0]; orbit(0, 0)`); // at distance 3
+  page.element('keyAdd').dispatch('click');
+  page.run('orbit(1, 0.2); zoomTo([0, 0, 0], 2)');
+  page.element('keyAdd').dispatch('click');
+  const [first, second] = page.element('keys').children.map((row) => row.children[0]);
+  page.run('camera.target = [9, 9, 9]');
+  first.dispatch('click');
+  inFront(3);
+  near(page.run('norm(add(camera.target, camera.position, -1))'), 3, 1e-9);
+  second.dispatch('click');
+  inFront(6);
+  page.element('pathSeconds').value = '1';
+  page.element('play').dispatch('click');
+  page.pass(250); // the start
+  page.pass(); // a quarter
+  near(page.run('norm(add(camera.target, camera.position, -1))'), 3.75, 1e-9);
+  inFront(3.75);
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
   missing_values_leave_the_report_complete, only_identical_pictures_have_an_infinite_psnr, a_section_that_fails_leaves_a_line_and_the_others,
-  addresses_follow_the_path_of_the_page,
+  addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
 ];
 
 let failed = 0;

@@ -40,7 +40,17 @@ function pathAt(t) {
   const position = [0, 1, 2].map((k) => 0.5 * (2 * p1[k] + (p2[k] - p0[k]) * u + (2 * p0[k] - 5 * p1[k] + 4 * p2[k] - p3[k]) * u * u +
     (3 * p1[k] - p0[k] - 3 * p2[k] + p3[k]) * u * u * u));
   const a = keys[i], b = keys[i + 1];
-  return {matrix: matrixOf(slerp(a.rotation, b.rotation, u), position), fov: a.fov + u * (b.fov - a.fov)};
+  const between = (name) => a[name] + u * (b[name] - a[name]);
+  return {matrix: matrixOf(slerp(a.rotation, b.rotation, u), position), fov: between('fov'), distance: between('distance')};
+}
+
+// Moves the camera to a key frame or a point of the path, with the centre of the orbit in front of it.
+function goToKey(key) {
+  setMatrix(key.matrix);
+  camera.target = add(camera.position, camera.back, -key.distance);
+  camera.fov = key.fov;
+  camera.lens = -1;
+  moved();
 }
 
 // The number of a field; its initial one if it is empty or not positive.
@@ -68,7 +78,7 @@ function listKeys() {
     const row = element('li', null, list);
     const go = element('button', `at (${key.position.map((value) => number(value, 3)).join(', ')})`, row);
     go.type = 'button';
-    go.onclick = () => { setMatrix(key.matrix); camera.fov = key.fov; camera.lens = -1; moved(); };
+    go.onclick = () => goToKey(key);
     const remove = element('button', 'Remove', row);
     remove.type = 'button';
     remove.setAttribute('aria-label', `Remove key frame ${index + 1}`);
@@ -80,18 +90,15 @@ function listKeys() {
 
 byId('keyAdd').onclick = () => {
   const m = matrix();
-  keys.push({matrix: m, position: camera.position.slice(), rotation: quaternionOf(m), fov: camera.fov});
+  keys.push({matrix: m, position: camera.position.slice(), rotation: quaternionOf(m), fov: camera.fov, distance: targetDistance()});
   listKeys();
 };
 
 let playing = 0;
 function playStep(time) {
   if (!playing) return;
-  const t = (time - playing) / 1000 / positive('pathSeconds'), at = pathAt(Math.min(Math.max(t, 0), 1));
-  setMatrix(at.matrix);
-  camera.fov = at.fov;
-  camera.lens = -1;
-  moved();
+  const t = (time - playing) / 1000 / positive('pathSeconds');
+  goToKey(pathAt(Math.min(Math.max(t, 0), 1)));
   if (t < 1) requestAnimationFrame(playStep);
   else stopPlaying();
 }

@@ -198,11 +198,61 @@ function the_orbit_centre_lies_in_front_of_the_cameras_of_a_path() {
   inFront(3.75);
 }
 
+// ---- Keys ----
+
+function fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields() {
+  // What a press of half a second changes.
+  const flown = (key, code, focus) => {
+    const page = viewerPage(), document = page.sandbox.document;
+    document.activeElement = focus ? Object.assign(page.element('focused'), {tagName: focus}) : document.body;
+    const before = page.run('camera.position.slice()');
+    const pressed = document.dispatch('keydown', {key, code});
+    for (let k = 0; k < 6; ++k) { page.pass(100); }
+    document.dispatch('keyup', {key, code});
+    page.pass(100);
+    const step = page.run('camera.position').map((value, k) => value - before[k]);
+    page.pass(100);
+    page.pass(100);
+    page.run('camera.position').forEach((value, k) => near(value - before[k], step[k], 1e-12)); // it ends
+    return {forward: -page.run('camera.back').reduce((sum, value, k) => sum + value * step[k], 0), prevented: Boolean(pressed.prevented)};
+  };
+  const plain = flown('w', 'KeyW', null);
+  assert.ok(plain.forward > 0.1 && plain.prevented);
+  for (const [key, code, focus] of [['z', 'KeyW', 'CANVAS'], ['Z', 'KeyW', 'BUTTON'], ['ц', 'KeyW', null]])
+    near(flown(key, code, focus).forward, plain.forward, 1e-9);
+  for (const [key, code, focus] of [['w', 'KeyZ', null], ['w', 'KeyW', 'INPUT'], ['w', 'KeyW', 'SELECT'], ['w', 'KeyW', 'TEXTAREA']]) {
+    const {forward, prevented} = flown(key, code, focus);
+    assert.ok(forward === 0 && !prevented, `${key} ${code} ${focus}`);
+  }
+  assert.equal(flown('Enter', 'Enter', 'BUTTON').prevented, false);
+  assert.equal(flown('ArrowLeft', 'ArrowLeft', 'INPUT').prevented, false);
+  assert.equal(flown('ArrowLeft', 'ArrowLeft', 'BUTTON').prevented, true);
+}
+
+function a_form_field_or_another_window_ends_the_flight() {
+  const still = (stop) => {
+    const page = viewerPage(), document = page.sandbox.document;
+    document.dispatch('keydown', {key: 'w', code: 'KeyW'});
+    for (let k = 0; k < 4; ++k) page.pass(100);
+    stop(page, document);
+    page.pass(100);
+    const before = page.run('camera.position.slice()');
+    for (let k = 0; k < 4; ++k) page.pass(100);
+    assert.deepEqual(page.run('camera.position.slice()'), before);
+  };
+  still((page) => page.sandbox.window.dispatch('blur'));
+  still((page, document) => {
+    document.activeElement = Object.assign(page.element('focused'), {tagName: 'INPUT'});
+    document.dispatch('focusin');
+  });
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
   missing_values_leave_the_report_complete, only_identical_pictures_have_an_infinite_psnr, a_section_that_fails_leaves_a_line_and_the_others,
   addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
+  fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields, a_form_field_or_another_window_ends_the_flight,
 ];
 
 let failed = 0;

@@ -306,6 +306,8 @@ picture.addEventListener('dblclick', (event) => {
 
 // ---- Keys ----
 
+// Keys to fly, by their place on the keyboard: W A S D Q E of a US layout.
+const flyKeys = ['KeyW', 'KeyA', 'KeyS', 'KeyD', 'KeyQ', 'KeyE'];
 const held = new Set();
 let flying = 0;
 function flyStep(time) {
@@ -314,15 +316,18 @@ function flyStep(time) {
   if (!held.size) return;
   const step = seconds * targetDistance() * 0.7 * 10 ** Number(byId('speed').value);
   const axis = (plus, minus) => (held.has(plus) - held.has(minus)) * step;
-  fly(axis('d', 'a'), axis('e', 'q'), axis('w', 's'));
+  fly(axis('KeyD', 'KeyA'), axis('KeyE', 'KeyQ'), axis('KeyW', 'KeyS'));
   requestAnimationFrame(flyStep);
 }
 
-picture.addEventListener('keydown', (event) => {
-  const key = event.key.toLowerCase();
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
-  if ('wasdqe'.includes(key) && key.length === 1) {
-    held.add(key);
+const takesKeys = (at) => Boolean(at) && ['INPUT', 'SELECT', 'TEXTAREA'].includes(at.tagName);
+
+// Keys act wherever the focus is, except in form fields; Enter also presses buttons.
+document.addEventListener('keydown', (event) => {
+  const key = event.key.toLowerCase(), at = document.activeElement;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || !viewer.hello || takesKeys(at)) return;
+  if (flyKeys.includes(event.code)) {
+    held.add(event.code);
     if (!flying) requestAnimationFrame((time) => { flying = time; flyStep(time); });
   } else if (key.startsWith('arrow')) {
     const dx = (key === 'arrowright') - (key === 'arrowleft'), dy = (key === 'arrowdown') - (key === 'arrowup');
@@ -333,13 +338,14 @@ picture.addEventListener('keydown', (event) => {
     zoomTo(camera.target, key === '-' ? 1.12 : 1 / 1.12);
   } else if (key === 'home') {
     goHome();
-  } else if (key === 'enter') {
+  } else if (key === 'enter' && (at === picture || at === document.body)) {
     choosePixel(request.width >> 1, request.height >> 1);
   } else {
     return;
   }
   event.preventDefault();
 });
-picture.addEventListener('keyup', (event) => held.delete(event.key.toLowerCase()));
-picture.addEventListener('blur', () => held.clear());
+document.addEventListener('keyup', (event) => held.delete(event.code));
+document.addEventListener('focusin', () => { if (takesKeys(document.activeElement)) held.clear(); });
+window.addEventListener('blur', () => held.clear());
 new ResizeObserver(() => { if (viewer.hello) requestPicture(false); }).observe(byId('stage'));

@@ -247,12 +247,66 @@ function a_form_field_or_another_window_ends_the_flight() {
   });
 }
 
+// ---- Saved images ----
+
+function only_exact_images_are_saved() {
+  // A page whose last request has the given picture. saved(): the number of files; say(): the message.
+  const start = (hello = {}) => {
+    const page = viewerPage(hello);
+    const shows = (lossless, serial = page.run('viewer.serial')) => page.run(`showPicture({serial: ${serial}, lossless: ${lossless}, width: 640, height: 360,
+      full_width: 640, full_height: 360, seconds: 1, gaussians: 1, aov: 'rgba'}, {close() {}})`);
+    const saved = () => page.clicked.filter((link) => link.download === 'model.ply.png').length;
+    return {page, shows, saved, press: () => page.element('screenshot').dispatch('click'), say: () => page.element('message').textContent};
+  };
+  let {page, shows, saved, press, say} = start();
+  shows(true);
+  press();
+  assert.equal(saved(), 1);
+
+  ({page, shows, saved, press, say} = start()); // a preview, as JPEG: saved once the exact one is there
+  shows(false);
+  press();
+  assert.equal(saved(), 0);
+  assert.match(say(), /not exact yet/);
+  shows(false);
+  assert.equal(saved(), 0);
+  page.run('requestPicture(false)');
+  page.pass();
+  shows(true, page.run('viewer.serial') - 1); // of an earlier request
+  assert.equal(saved(), 0);
+  shows(true);
+  assert.equal(saved(), 1);
+  shows(true);
+  assert.equal(saved(), 1);
+  assert.equal(say(), '');
+
+  ({page, shows, saved, press, say} = start()); // exact, but of the camera before
+  shows(true);
+  page.run('orbit(0.1, 0)');
+  page.pass();
+  press();
+  assert.equal(saved(), 0);
+  page.run('orbit(0.1, 0)'); // the view changes
+  page.pass();
+  shows(true);
+  assert.equal(saved(), 0);
+  assert.match(say(), /changed/);
+  shows(true);
+  assert.equal(saved(), 0);
+
+  ({page, shows, saved, press, say} = start({training: true}));
+  shows(false);
+  press();
+  assert.match(say(), /paused/);
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
   missing_values_leave_the_report_complete, only_identical_pictures_have_an_infinite_psnr, a_section_that_fails_leaves_a_line_and_the_others,
   addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
   fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields, a_form_field_or_another_window_ends_the_flight,
+  only_exact_images_are_saved,
 ];
 
 let failed = 0;

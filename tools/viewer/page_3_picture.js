@@ -43,6 +43,7 @@ function showPicture(head, bitmap) {
   if (head.removed !== undefined)
     byId('cropText').textContent = `${head.removed.toLocaleString('en')} of ${head.gaussians.toLocaleString('en')} primitives are removed${cropProblem()}`;
   compareAgain();
+  continueScreenshot();
 }
 
 function showBar(head) {

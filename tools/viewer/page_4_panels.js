@@ -38,11 +38,44 @@ function modelName() {
   return viewer.hello.model.split('/').filter(Boolean).pop() || viewer.hello.model;
 }
 
+// Only exact pictures are saved. A request waits for the picture of the view that was shown when the button was pressed.
+let screenshotOf = null;
+
+// The last request without what differs between pictures of one view.
+function requestedView() {
+  return JSON.stringify({...request.message, serial: 0, moving: false});
+}
+
+function isExact() {
+  return Boolean(viewer.frame) && viewer.frame.lossless && viewer.frame.serial === viewer.serial;
+}
+
 function saveScreenshot() {
+  screenshotOf = null;
   picture.toBlob((blob) => {
+    if (!blob) { showMessage('Error: the browser cannot encode the image'); return; }
     viewer.saved = {kind: 'png', size: blob.size};
     download(modelName() + '.png', blob);
   });
+}
+
+function askScreenshot() {
+  if (isExact()) { saveScreenshot(); return; }
+  const progress = viewer.progress, runs = viewer.hello && viewer.hello.training && !(progress && (progress.paused || progress.finished));
+  screenshotOf = requestedView();
+  showMessage(runs ? 'The image is not exact yet. It is saved when the training is paused or has ended.'
+    : 'The image is not exact yet. It is saved as soon as it is.');
+}
+
+function continueScreenshot() {
+  if (screenshotOf === null || viewer.frame.serial !== viewer.serial) return;
+  if (screenshotOf !== requestedView()) {
+    screenshotOf = null;
+    showMessage('The view changed before its image was exact; save it again.');
+  } else if (isExact()) {
+    byId('message').textContent = '';
+    saveScreenshot();
+  }
 }
 
 onMessage('saved', (message) => {
@@ -53,7 +86,7 @@ onMessage('saved', (message) => {
 for (const id of ['log', 'samples', 'size']) byId(id).onchange = () => requestPicture(false);
 for (const id of ['rangeLow', 'rangeHigh']) byId(id).onchange = showRange;
 byId('aov').onchange = showQuantity;
-byId('screenshot').onclick = saveScreenshot;
+byId('screenshot').onclick = askScreenshot;
 byId('exr').onclick = () => send({type: 'exr'});
 byId('fov').oninput = () => {
   camera.fov = Number(byId('fov').value);

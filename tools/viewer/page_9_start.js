@@ -25,7 +25,7 @@ function reset() {
   resetCrop();
   for (const name of ['frame', 'probe', 'ray', 'region', 'history', 'progress']) viewer[name] = null;
   for (const id of ['value', 'message', 'pixelText', 'regionText']) byId(id).textContent = '';
-  chosenUpdate = null;
+  chosenUpdate = screenshotOf = null;
   byId('updateText').textContent = updateHint;
   for (const id of ['pixelPlot', 'regionPlot', 'plots']) byId(id).replaceChildren();
   for (const id of ['pixelTable', 'regionTable']) byId(id).tBodies[0].replaceChildren();

@@ -152,13 +152,14 @@ static void a_token_is_required_from_query_or_cookie(void **state)
                  {"abcdefgh1234567", NULL, 401},
                  {"abcdefgh123456780", NULL, 401},
                  {"abcdefgh12345678", NULL, 200},
-                 {NULL, "sparegs_view_8080=abcdefgh12345678", 200},
-                 {NULL, "a=b; sparegs_view_8080=abcdefgh12345678; c=d", 200},
-                 {NULL, "sparegs_view_8081=abcdefgh12345678", 401},
-                 {NULL, "sparegs_view_8080=", 401},
-                 {NULL, "sparegs_view_8080", 401},
-                 {NULL, ";;;=;sparegs_view_8080=wrong", 401},
-                 {NULL, "xsparegs_view_8080=abcdefgh12345678", 401}};
+                 {NULL, "sparegs_view_8080_ba242725=abcdefgh12345678", 200},
+                 {NULL, "a=b; sparegs_view_8080_ba242725=abcdefgh12345678; c=d", 200},
+                 {NULL, "sparegs_view_8081_ba242725=abcdefgh12345678", 401},
+                 {NULL, "sparegs_view_8080=abcdefgh12345678", 401},
+                 {NULL, "sparegs_view_8080_ba242725=", 401},
+                 {NULL, "sparegs_view_8080_ba242725", 401},
+                 {NULL, ";;;=;sparegs_view_8080_ba242725=wrong", 401},
+                 {NULL, "xsparegs_view_8080_ba242725=abcdefgh12345678", 401}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
         const access_request request = {
             .host = "192.0.2.1:8080", .token = cases[i].token, .cookie = cases[i].cookie};
@@ -167,11 +168,24 @@ static void a_token_is_required_from_query_or_cookie(void **state)
     }
 }
 
+// Tunnels to two machines may lead to the same port of 127.0.0.1, whose cookies a browser shares.
+static void cookies_of_two_tokens_have_different_names(void **state)
+{
+    (void)state;
+    const access_rules one = {.token = "foobar", .port = 8080}, // vectors of draft-eastlake-fnv
+        other = {.token = "a", .port = 65535};
+    char name[COOKIE_MAXIMUM + 1];
+    token_cookie_name(&one, name);
+    assert_string_equal(name, "sparegs_view_8080_bf9cf968");
+    token_cookie_name(&other, name);
+    assert_string_equal(name, "sparegs_view_65535_e40c292c");
+}
+
 static void a_long_cookie_is_not_copied(void **state)
 {
     (void)state;
     const access_rules rules = {.token = "abcdefgh12345678", .port = 1};
-    char cookie[4096] = "sparegs_view_1=";
+    char cookie[4096] = "sparegs_view_1_ba242725=";
     memset(cookie + strlen(cookie), 'a', sizeof cookie - strlen(cookie) - 1);
     cookie[sizeof cookie - 1] = 0;
     assert_int_equal(access_check(&rules, &(access_request){.host = "a", .cookie = cookie}), 401);
@@ -199,6 +213,7 @@ int main(void)
         cmocka_unit_test(a_request_with_the_token_may_name_the_host_of_a_proxy),
         cmocka_unit_test(the_first_forwarded_host_counts),
         cmocka_unit_test(a_token_is_required_from_query_or_cookie),
+        cmocka_unit_test(cookies_of_two_tokens_have_different_names),
         cmocka_unit_test(a_long_cookie_is_not_copied),
         cmocka_unit_test(random_tokens_are_valid_and_differ),
     };

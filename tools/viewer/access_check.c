@@ -107,16 +107,20 @@ bool token_create(char token[TOKEN_LENGTH + 1])
     return true;
 }
 
-void token_cookie_name(int port, char name[32])
+// FNV-1a of 32 bits.
+void token_cookie_name(const access_rules *rules, char name[COOKIE_MAXIMUM + 1])
 {
-    snprintf(name, 32, "sparegs_view_%d", port);
+    uint32_t hash = 2166136261U;
+    for (const char *at = rules->token; *at; ++at)
+        hash = (hash ^ (unsigned char)*at) * 16777619U;
+    snprintf(name, COOKIE_MAXIMUM + 1, "sparegs_view_%d_%08x", rules->port, (unsigned)hash);
 }
 
 // True if the cookie header has the token under the right name.
 static bool cookie_has(const access_rules *rules, const char *cookie)
 {
-    char name[32], value[TOKEN_MAXIMUM + 2];
-    token_cookie_name(rules->port, name);
+    char name[COOKIE_MAXIMUM + 1], value[TOKEN_MAXIMUM + 2];
+    token_cookie_name(rules, name);
     const size_t length = strlen(name);
     for (const char *at = cookie; at && *at; at = strchr(at, ';') ? strchr(at, ';') + 1 : NULL) {
         at += strspn(at, " ");

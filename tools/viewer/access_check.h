@@ -19,7 +19,8 @@ enum {
     TOKEN_LENGTH = 32,
     TOKEN_MINIMUM = 8,
     TOKEN_MAXIMUM = 128,
-    HOST_MAXIMUM = 255
+    HOST_MAXIMUM = 255,
+    COOKIE_MAXIMUM = 31 // length of its name
 };
 
 typedef struct access_rules {
@@ -48,5 +49,6 @@ bool origin_is_host(const char *origin, const char *host);
 bool token_is_valid(const char *token);
 // A random token. False if the system provides no random bytes.
 bool token_create(char token[TOKEN_LENGTH + 1]);
-// The name of the cookie that holds the token.
-void token_cookie_name(int port, char name[32]);
+// The name of the cookie that holds the token: with a hash of the token, because browsers share the
+// cookies of all ports of a host, and tunnels to several machines may lead to the same port.
+void token_cookie_name(const access_rules *rules, char name[COOKIE_MAXIMUM + 1]);

@@ -128,14 +128,16 @@ static int send_page(const view_server *server, struct mg_connection *connection
                      const access_request *request)
 {
     static const char placeholder[] = "NONCE";
-    char nonce[NONCE_LENGTH + 1], cookie[300] = "", name[32], outer[4 * HOST_MAXIMUM] = "";
+    char nonce[NONCE_LENGTH + 1], cookie[300] = "", outer[4 * HOST_MAXIMUM] = "";
     if (!token_create(nonce))
         return send_status(connection, 503, "the system provides no random numbers");
-    token_cookie_name(server->rules.port, name);
-    // Without Path, for the path of the page, which a proxy may serve below others.
-    if (server->rules.token && *request->token)
+    if (server->rules.token && *request->token) {
+        char name[COOKIE_MAXIMUM + 1];
+        token_cookie_name(&server->rules, name);
+        // Without Path, for the path of the page, which a proxy may serve below others.
         snprintf(cookie, sizeof cookie, "Set-Cookie: %s=%s; HttpOnly; SameSite=Strict\r\n", name,
                  server->rules.token);
+    }
     if (server->rules.token && *request->forwarded)
         snprintf(outer, sizeof outer, " ws://%s wss://%s", request->forwarded, request->forwarded);
     size_t placeholders = 0;

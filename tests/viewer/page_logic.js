@@ -300,13 +300,36 @@ function only_exact_images_are_saved() {
   assert.match(say(), /paused/);
 }
 
+// ---- Clicks ----
+
+function a_double_click_asks_for_no_ray_and_a_click_for_one() {
+  const page = viewerPage(), picture = page.element('picture'), at = {pointerId: 1, clientX: 100, clientY: 80, button: 0, buttons: 1};
+  const click = () => { picture.dispatch('pointerdown', at); picture.dispatch('pointerup', at); };
+  const rays = () => page.sent.filter((message) => message.type === 'ray').length;
+  click();
+  page.pass(100);
+  click();
+  picture.dispatch('dblclick', at);
+  page.pass(1000);
+  page.pass(1000);
+  assert.equal(rays(), 0);
+  click();
+  page.pass(1000);
+  assert.equal(rays(), 1);
+  click();
+  page.run('orbit(0.1, 0)'); // the pixel is no longer that of the click
+  page.pass(1000);
+  page.pass(1000);
+  assert.equal(rays(), 1);
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
   missing_values_leave_the_report_complete, only_identical_pictures_have_an_infinite_psnr, a_section_that_fails_leaves_a_line_and_the_others,
   addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
   fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields, a_form_field_or_another_window_ends_the_flight,
-  only_exact_images_are_saved,
+  only_exact_images_are_saved, a_double_click_asks_for_no_ray_and_a_click_for_one,
 ];
 
 let failed = 0;

@@ -106,6 +106,7 @@ static void rays_through_many_chunks_equal_the_reference(void **state)
     oracle_scene scene = random_scene(9000, 0.3);
     assert_true(compare(&scene, SGS_FILTER_3DGS) > 1000);
     assert_true(compare(&scene, SGS_FILTER_NONE) > 1000);
+    assert_true(compare(&scene, SGS_FILTER_MIP) > 1000);
     oracle_scene_free(&scene);
 }
 

@@ -147,6 +147,7 @@ let photoReady = false;
 function photoLeft() {
   byId('split').hidden = photo.hidden = true;
   photoReady = false;
+  clearTimeout(clickTimer); // of the camera before
   chosen = null;
   byId('value').textContent = ''; // of the camera before
   document.querySelectorAll('#photos button[aria-pressed=true]').forEach((button) => button.setAttribute('aria-pressed', 'false'));
@@ -282,10 +283,15 @@ picture.addEventListener('pointermove', (event) => {
   }
 });
 
+// A click waits until it cannot become a double click, which does not choose a pixel.
+const DOUBLE_CLICK = 300; // ms
+let clickTimer = 0;
+
 function release(event) {
   if (pointers.delete(event.pointerId) && event.type === 'pointerup' && dragged <= 4 && event.button === 0) {
     const pixel = pixelAt(event);
-    if (pixel) choosePixel(...pixel);
+    clearTimeout(clickTimer);
+    if (pixel) clickTimer = setTimeout(() => choosePixel(...pixel), DOUBLE_CLICK);
   }
 }
 picture.addEventListener('pointerup', release);
@@ -300,6 +306,7 @@ picture.addEventListener('wheel', (event) => {
 
 picture.addEventListener('dblclick', (event) => {
   const pixel = pixelAt(event);
+  clearTimeout(clickTimer);
   if (!pixel) return;
   camera.target = pointAt(pixel);
   requestPicture(false);

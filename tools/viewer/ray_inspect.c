@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The reference renderer takes all parameters in double precision, which needs more memory than the
-// model. So the model is passed in chunks first. The transmittance in front of a hit is at least as
+// model, and reads every one. So primitives that the ray cannot hit are left out (is_near), and the
+// others are passed in chunks first. The transmittance in front of a hit is at least as
 // large among the primitives of its chunk as among all of them, so a hit that counts among all
 // counts in its chunk. The first hit that does not count ends the list, so it is required too: it
 // is the first hit of the chunk's other primitives. All of these, in the order of their rows, are
@@ -30,18 +31,23 @@ static int compare_rows(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-// Rows that are not kept get an opacity of 0, so no ray counts them.
-static void load_row(const sgs_gaussians *model, const unsigned char *keep, size_t row,
-                     double *params)
+static void load_row(const sgs_gaussians *model, size_t row, double *params)
 {
     for (int k = 0; k < SGS_PARAM_COUNT; ++k)
         params[k] = (double)*sgs_gaussians_at(model, row, k);
-    params[SGS_PARAM_OPACITY] =
-        keep && !keep[row] ? -1e3 : (double)sgs_gaussians_opacity_logit(model, row);
+    params[SGS_PARAM_OPACITY] = (double)sgs_gaussians_opacity_logit(model, row);
 }
 
-// Appends the rows of the hits of a chunk that starts at row `first`.
-static bool add_rows(row_list *list, const sgs_hit *hits, size_t count, size_t first)
+// Part of a model that is passed to the reference renderer at once.
+typedef struct row_chunk {
+    uint32_t rows[CHUNK];                   // [count]
+    double params[CHUNK * SGS_PARAM_COUNT]; // [count][SGS_PARAM_COUNT]
+    sgs_hit hits[CHUNK];
+    size_t count;
+} row_chunk;
+
+// Appends the rows of hits of a chunk.
+static bool add_rows(row_list *list, const sgs_hit *hits, size_t count, const row_chunk *chunk)
 {
     if (list->count + count > list->capacity) {
         const size_t capacity = 2 * list->capacity + count;
@@ -52,7 +58,7 @@ static bool add_rows(row_list *list, const sgs_hit *hits, size_t count, size_t f
         list->capacity = capacity;
     }
     for (size_t i = 0; i < count; ++i)
-        list->rows[list->count++] = (uint32_t)first + hits[i].primitive;
+        list->rows[list->count++] = chunk->rows[hits[i].primitive];
     return true;
 }
 
@@ -61,7 +67,46 @@ typedef struct ray_query {
     const sgs_pose *pose;
     const sgs_render_options *options;
     int x, y;
+    double center[3], direction[3]; // of the ray, world; unit
+    double filter_scale;            // variance of the pixel filter at distance 1, at most
 } ray_query;
+
+// False if the pixel has no ray.
+static bool query_aim(ray_query *query)
+{
+    double axial[3], fx, fy, cx, cy;
+    const sgs_camera *camera = query->camera;
+    if (query->x < 0 || query->y < 0 || query->x >= camera->width || query->y >= camera->height ||
+        !sgs_camera_unproject(camera, (double[2]){query->x + 0.5, query->y + 0.5}, axial))
+        return false;
+    sgs_pose_center(query->pose, query->center);
+    for (int k = 0; k < 3; ++k)
+        query->direction[k] = query->pose->rotation[k] * axial[0] +
+                              query->pose->rotation[3 + k] * axial[1] +
+                              query->pose->rotation[6 + k] * axial[2];
+    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
+    query->filter_scale = query->options->filter == SGS_FILTER_NONE ? 0 : 0.3 / (fx * fy);
+    return true;
+}
+
+// False if the primitive has no hit on the ray. Its response is at most
+// exp(-d^2 / (2 s^2)), for the distance d of its mean from the line of the ray and its largest
+// filtered scale s; hits require 1/255, so d^2 <= 2 ln(255) s^2. The pixel filter is largest if its
+// depth is the distance.
+static bool is_near(const sgs_gaussians *model, const ray_query *query, size_t row)
+{
+    const double reach = 11.083; // 2 ln(255) = 11.0825...
+    double to_mean[3], squared = 0, along = 0, largest = -HUGE_VAL;
+    for (int k = 0; k < 3; ++k) {
+        to_mean[k] = (double)*sgs_gaussians_at(model, row, SGS_PARAM_MEAN + k) - query->center[k];
+        squared += to_mean[k] * to_mean[k];
+        along += to_mean[k] * query->direction[k];
+        largest = fmax(largest, (double)*sgs_gaussians_at(model, row, SGS_PARAM_SCALE + k));
+    }
+    const double variance = exp(2 * largest) + query->filter_scale * squared;
+    const double rounding = 1e-9 * squared; // of the difference
+    return !(squared - along * along > reach * variance + rounding);
+}
 
 // False if out of memory.
 static bool query_hits(const ray_query *query, const double *params, size_t count, sgs_hit *hits,
@@ -95,42 +140,46 @@ static bool next_hit(const ray_query *query, double *params, size_t count, sgs_h
     return true;
 }
 
-// Adds the hits of rows [first, first + count), whose parameters are in params, and the hit that
-// ends their list.
-static bool add_chunk(const ray_query *query, double *params, size_t first, size_t count,
-                      sgs_hit *hits, row_list *list)
+// Adds the hits of a chunk, and the hit that ends their list. Changes the chunk.
+static bool add_chunk(const ray_query *query, row_chunk *chunk, row_list *list)
 {
     const double may_end =
         0.0101; // alpha is at most 0.99: then T is below 1e-4 behind the next hit
     size_t found;
-    if (!query_hits(query, params, count, hits, &found))
+    if (!query_hits(query, chunk->params, chunk->count, chunk->hits, &found))
         return false;
     if (!found)
         return true;
-    const sgs_hit *last = &hits[found - 1];
+    const sgs_hit *last = &chunk->hits[found - 1];
     const bool ends = last->transmittance * (1 - last->alpha) < may_end;
     sgs_hit end = {0};
     bool any = false;
-    if (!add_rows(list, hits, found, first) ||
-        (ends && !next_hit(query, params, count, hits, found, &end.primitive, &any)))
+    if (!add_rows(list, chunk->hits, found, chunk) ||
+        (ends &&
+         !next_hit(query, chunk->params, chunk->count, chunk->hits, found, &end.primitive, &any)))
         return false;
-    return !any || add_rows(list, &end, 1, first);
+    return !any || add_rows(list, &end, 1, chunk);
 }
 
 static bool find_rows(const sgs_gaussians *model, const unsigned char *keep, const ray_query *query,
                       row_list *list)
 {
-    double *params = malloc(CHUNK * SGS_PARAM_COUNT * sizeof *params);
-    sgs_hit *hits = malloc(CHUNK * sizeof *hits);
-    bool done = params && hits;
-    for (size_t first = 0; first < model->count && done; first += CHUNK) {
-        const size_t count = model->count - first < CHUNK ? model->count - first : CHUNK;
-        for (size_t i = 0; i < count; ++i)
-            load_row(model, keep, first + i, params + i * SGS_PARAM_COUNT);
-        done = add_chunk(query, params, first, count, hits, list);
+    row_chunk *chunk = malloc(sizeof *chunk);
+    bool done = chunk != NULL;
+    if (chunk)
+        chunk->count = 0;
+    for (size_t row = 0; row < model->count && done; ++row) {
+        if ((keep && !keep[row]) || !is_near(model, query, row))
+            continue;
+        chunk->rows[chunk->count] = (uint32_t)row;
+        load_row(model, row, chunk->params + chunk->count * SGS_PARAM_COUNT);
+        if (++chunk->count == CHUNK) {
+            done = add_chunk(query, chunk, list);
+            chunk->count = 0;
+        }
     }
-    free(params);
-    free(hits);
+    done = done && (!chunk->count || add_chunk(query, chunk, list));
+    free(chunk);
     return done;
 }
 
@@ -142,8 +191,8 @@ bool ray_hits(const sgs_gaussians *model, const unsigned char *keep, const sgs_c
     double *params = NULL;
     *hits = NULL;
     *count = 0;
-    const ray_query query = {camera, pose, options, x, y};
-    bool done = find_rows(model, keep, &query, &list);
+    ray_query query = {.camera = camera, .pose = pose, .options = options, .x = x, .y = y};
+    bool done = !query_aim(&query) || find_rows(model, keep, &query, &list);
     if (done) {
         params = malloc((list.count + 1) * SGS_PARAM_COUNT * sizeof *params);
         *hits = malloc((list.count + 1) * sizeof **hits);
@@ -153,7 +202,7 @@ bool ray_hits(const sgs_gaussians *model, const unsigned char *keep, const sgs_c
         if (list.count)
             qsort(list.rows, list.count, sizeof *list.rows, compare_rows);
         for (size_t i = 0; i < list.count; ++i)
-            load_row(model, keep, list.rows[i], params + i * SGS_PARAM_COUNT);
+            load_row(model, list.rows[i], params + i * SGS_PARAM_COUNT);
         done = query_hits(&query, params, list.count, *hits, count);
         for (size_t i = 0; list.rows && i < *count; ++i)
             (*hits)[i].primitive = list.rows[(*hits)[i].primitive];

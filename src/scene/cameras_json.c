@@ -4,7 +4,7 @@
 // Writes cameras.json like the code of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance
 // Field Rendering", 2023; viewers use it for their start position. It holds camera-to-world
 // rotations (rows), centres and focal lengths in pixels; held-out views come first, and ids follow
-// that order. The original has no distortion or principal point, which are added.
+// that order. The original has no distortion, principal point or Exif orientation, which are added.
 
 #include "sparegs/scene.h"
 
@@ -58,12 +58,15 @@ static json_t *camera_of(const sgs_named_camera *view, size_t id)
 {
     double fx, fy, cx, cy;
     sgs_camera_intrinsics(&view->camera, &fx, &fy, &cx, &cy);
-    return json_pack("{s:I, s:o, s:i, s:i, s:o, s:o, s:f, s:f, s:f, s:f, s:s, s:o}", "id",
-                     (json_int_t)id, "img_name", text_of(view->name), "width", view->camera.width,
-                     "height", view->camera.height, "position", position_of(&view->pose),
-                     "rotation", rotation_of(&view->pose), "fy", fy, "fx", fx, "cx", cx, "cy", cy,
-                     "camera_model", sgs_camera_model_name(view->camera.model), "params",
-                     params_of(&view->camera));
+    json_t *camera =
+        json_pack("{s:I, s:o, s:i, s:i, s:o, s:o, s:f, s:f, s:f, s:f, s:s, s:o}", "id",
+                  (json_int_t)id, "img_name", text_of(view->name), "width", view->camera.width,
+                  "height", view->camera.height, "position", position_of(&view->pose), "rotation",
+                  rotation_of(&view->pose), "fy", fy, "fx", fx, "cx", cx, "cy", cy, "camera_model",
+                  sgs_camera_model_name(view->camera.model), "params", params_of(&view->camera));
+    if (view->orientation > 1)
+        json_object_set_new(camera, "exif_orientation", json_integer(view->orientation));
+    return camera;
 }
 
 sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_t count, const char *path)
@@ -99,7 +102,8 @@ sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path
         for (size_t k = 0; k < scene->view_count; ++k) {
             const sgs_view *view = &scene->views[k];
             if ((view->split == SGS_SPLIT_TEST) == (pass == 0))
-                cameras[count++] = (sgs_named_camera){view->name, view->camera, view->pose};
+                cameras[count++] =
+                    (sgs_named_camera){view->name, view->camera, view->pose, view->orientation};
         }
     }
     const sgs_status status = sgs_cameras_write_json(cameras, count, path);

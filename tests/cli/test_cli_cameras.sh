@@ -126,16 +126,33 @@ check upright_within_2_degrees awk 'NR == FNR { split($0, u, " "); next }
     END { exit bad || FNR != 5 }' "$temporary/up" "$temporary/axes"
 
 # pages_orbit_about_the_up_axis, which turns with the model; the mean up vector is off by more than 8 degrees
-up_is() { # PAGE X Y Z: the up axis of the page, within 0.3 degrees, on the side of the first camera's up
-    sed -n '/<script id="model"/,/<\/script>/p' "$1" | sed '1d;$d' | jq -e --argjson u "[$2, $3, $4]" '
+up_is() { # PAGE X Y Z [side]: the up axis of the page, within 0.3 degrees, opposite to axis 1 (down) or 0 (right) of the first camera
+    sed -n '/<script id="model"/,/<\/script>/p' "$1" | sed '1d;$d' | jq -e --argjson u "[$2, $3, $4]" --argjson k "$((5 - $#))" '
         def dot($a; $b): [range(3) as $k | $a[$k] * $b[$k]] | add;
-        (dot(.up; $u) | fabs) > 0.99999 * (dot(.up; .up) * dot($u; $u) | sqrt) and dot(.up; .cameras[0].axes[1]) < 0'
+        (dot(.up; $u) | fabs) > 0.99999 * (dot(.up; .up) * dot($u; $u) | sqrt) and dot(.up; .cameras[0].axes[$k]) < 0'
 }
 read -r u1 u2 u3 <"$temporary/up"
 run 0 view "$model" --export "$temporary/level.html"
 check a_page_of_a_run_is_level up_is "$temporary/level.html" "$u1" "$u2" "$u3"
 run 0 convert "$model" "$temporary/converted.html" "$room" --downscale 8 --scale 2 --rotate 90,0,0
 check a_turned_page_is_level up_is "$temporary/converted.html" "$u1" "$(awk -v x="$u3" 'BEGIN { print -x }')" "$u2"
+# a_run_records_the_orientations: its page has the same axis as a page of the scene. cameras.json has them, and another
+# value is refused.
+ply=$model/point_cloud/iteration_10/point_cloud.ply
+run 0 view "$ply" "$temporary/turned" --export "$temporary/scene.html"
+check a_page_of_turned_photos_is_level up_is "$temporary/scene.html" "$u1" "$u2" "$u3" side
+run 0 convert "$ply" "$temporary/scene.html" "$temporary/turned"
+check a_converted_page_of_turned_photos_is_level up_is "$temporary/scene.html" "$u1" "$u2" "$u3" side
+cp -r "$model" "$temporary/held"
+run 0 render "$ply" "$temporary/turned" --split all --size 6x10 --aov rgba --save-cameras json -o "$temporary/cameras"
+check orientations_are_written jq -e 'length > 30 and all(.exif_orientation == 6)' "$temporary/cameras/cameras.json"
+cp "$temporary/cameras/cameras.json" "$temporary/held/"
+run 0 view "$temporary/held" --export "$temporary/held.html"
+check a_page_of_a_run_with_turned_photos_is_level up_is "$temporary/held.html" "$u1" "$u2" "$u3" side
+jq '.[2].exif_orientation = 9' "$temporary/cameras/cameras.json" >"$temporary/held/cameras.json"
+run 1 view "$temporary/held" --export "$temporary/held.html"
+one_line
+reports "cameras.json: camera 2: exif_orientation must be an integer from 1 to 8"
 
 # exported_cameras_agree: .chan by its angles, .usda by its matrices, cameras.json by rendering with it
 run 0 render "$model" --camera "$temporary/level/cameras.json" --aov rgba,position -o "$temporary/again"

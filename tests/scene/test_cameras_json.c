@@ -63,6 +63,8 @@ static void cameras_json_matches_3dgs(void **state)
     sgs_view views[4] = {
         make_view("a.jpg", SGS_SPLIT_TEST, 0.1), make_view("b/\xc3\xa9.jpg", SGS_SPLIT_TRAIN, 0.2),
         make_view("c.jpg", SGS_SPLIT_TEST, 0.3), make_view("\xff\"d\\.jpg", SGS_SPLIT_TRAIN, 0.4)};
+    views[1].orientation = 1; // upright
+    views[3].orientation = 6;
     const sgs_scene scene = {.view_count = 4, .views = views};
     const char *path = temp_path(&folder, "cameras.json");
     assert_int_equal(sgs_scene_write_cameras_json(&scene, path), SGS_STATUS_OK);
@@ -72,9 +74,9 @@ static void cameras_json_matches_3dgs(void **state)
     assert_int_equal(json_array_size(list), 4);
     static const int order[4] = {0, 2, 1, 3}; // held-out views first
     static const char *const names[4] = {"a.jpg", "c.jpg", "b/\xc3\xa9.jpg", "?\"d\\.jpg"};
-    static const char *const keys[] = {"id",       "img_name", "width",        "height",
-                                       "position", "rotation", "fy",           "fx",
-                                       "cx",       "cy",       "camera_model", "params"};
+    static const char *const keys[] = {
+        "id", "img_name", "width", "height",       "position", "rotation",        "fy",
+        "fx", "cx",       "cy",    "camera_model", "params",   "exif_orientation"};
     for (size_t k = 0; k < 4; ++k) {
         json_t *camera = json_array_get(list, k);
         assert_int_equal(json_integer_value(json_object_get(camera, "id")), k);
@@ -91,7 +93,9 @@ static void cameras_json_matches_3dgs(void **state)
         const char *key;
         json_t *value;
         json_object_foreach(camera, key, value) assert_string_equal(key, keys[place++]);
-        assert_int_equal(place, 12);
+        assert_int_equal(place, k == 3 ? 13 : 12);
+        assert_int_equal(json_integer_value(json_object_get(camera, "exif_orientation")),
+                         k == 3 ? 6 : 0);
     }
     json_decref(list);
     temp_folder_remove(&folder);

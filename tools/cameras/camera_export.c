@@ -47,7 +47,7 @@ static bool write_cameras_json(const char *path, const camera_list *list)
     }
     for (size_t i = 0; i < list->count; ++i)
         cameras[i] = (sgs_named_camera){list->cameras[i].name, list->cameras[i].camera,
-                                        list->cameras[i].pose};
+                                        list->cameras[i].pose, list->cameras[i].orientation};
     const bool done = !sgs_cameras_write_json(cameras, list->count, path);
     free(cameras);
     if (!done)

@@ -4,8 +4,8 @@
 // cameras.json as 3DGS writes it: position is the camera centre in world space, rotation the
 // camera-to-world axes, so the pose is rotation^T and -rotation^T position. A rotation that is not
 // orthonormal to 1e-3 is rejected, because it would silently shear the image. Our own files also
-// have cx, cy, camera_model and params; without them the principal point is the image centre, and
-// the camera a pinhole.
+// have cx, cy, camera_model, params and exif_orientation; without them the principal point is the
+// image centre, and the camera a pinhole.
 //
 // A nerfstudio camera path stores camera_to_world per frame (row-major, OpenGL camera axes), the
 // vertical field of view in degrees, and the size and projection of all frames.
@@ -125,6 +125,11 @@ static const char *read_camera(const json_t *entry, named_camera *camera)
     if (problem)
         return problem;
     camera_pose(rotation, position, &camera->pose);
+    const json_t *orientation = json_object_get(entry, "exif_orientation");
+    const json_int_t held = json_integer_value(orientation); // 0 without one
+    if (orientation && !(held >= 1 && held <= 8))
+        return "exif_orientation must be an integer from 1 to 8";
+    camera->orientation = (int)held;
     return sgs_camera_validate(&camera->camera) ? sgs_last_error() : NULL;
 }
 

@@ -17,7 +17,8 @@ typedef struct named_camera {
     char *name, *stem; // stem: see file_stems.h; NULL until assigned
     sgs_camera camera;
     sgs_pose pose;
-    int frame; // its number in .chan and .usda
+    int orientation; // Exif, of the image file, 1 to 8; 0: unknown
+    int frame;       // its number in .chan and .usda
 } named_camera;
 
 typedef struct camera_list {
@@ -35,11 +36,11 @@ typedef struct camera_list {
 bool camera_file_is_scene(const char *path);
 
 // cameras.json: one object or a list of them: width, height, fx, fy, position [3], rotation [3][3]
-// (camera to world, rows), and optionally img_name, cx, cy (default: the image centre). A camera
-// path: an object with render_width, render_height, camera_type and camera_path, frames of
-// camera_to_world [16] and fov. The frames of a path are called frame_00000, ..., cameras without a
-// name camera_0, ..., numbered from `first`. False after printing the error; else release the list
-// with camera_list_free.
+// (camera to world, rows), and optionally img_name, cx, cy (default: the image centre),
+// exif_orientation. A camera path: an object with render_width, render_height, camera_type and
+// camera_path, frames of camera_to_world [16] and fov. The frames of a path are called frame_00000,
+// ..., cameras without a name camera_0, ..., numbered from `first`. False after printing the error;
+// else release the list with camera_list_free.
 bool camera_file_read(const char *path, int first, camera_list *list);
 void camera_list_free(camera_list *list);
 // One frame of a camera path for images of width x height pixels: camera_to_world and fov. type:

@@ -202,7 +202,7 @@ void camera_path_up(const sgs_scene *scene, const camera_list *list, double up[3
     if (scene)
         sums = sum_held(scene);
     for (size_t i = 0; !scene && i < list->count; ++i)
-        add_held(&sums, &list->cameras[i].pose, 0);
+        add_held(&sums, &list->cameras[i].pose, list->cameras[i].orientation);
     const vec found = find_up(&sums);
     memcpy(up, found.x, sizeof found.x);
 }

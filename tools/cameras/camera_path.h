@@ -25,8 +25,8 @@ bool camera_path_orbit(const sgs_scene *scene, const path_options *options, came
 bool camera_path_spiral(const sgs_scene *scene, const path_options *options, camera_list *list);
 
 // Unit up direction of a capture: the one most perpendicular to the horizontal axes of the images,
-// which are turned by their Exif orientation. Of the scene if it is not NULL, else of the list,
-// whose images count as upright; -y without views.
+// which are turned by their Exif orientation. Of the scene if it is not NULL, else of the list, in
+// which images without an orientation count as upright; -y without views.
 void camera_path_up(const sgs_scene *scene, const camera_list *list, double up[3]);
 
 // The point that the cameras look at: the one with the least squared distance to all optical axes.

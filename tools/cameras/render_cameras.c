@@ -143,8 +143,10 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
     }
     for (size_t v = 0; v < scene->view_count; ++v) {
         const sgs_view *view = &scene->views[v];
-        list->cameras[list->count++] = (named_camera){
-            .name = format_text("%s", view->name), .camera = view->camera, .pose = view->pose};
+        list->cameras[list->count++] = (named_camera){.name = format_text("%s", view->name),
+                                                      .camera = view->camera,
+                                                      .pose = view->pose,
+                                                      .orientation = view->orientation};
     }
     if (!name_files(list))
         return false;

@@ -23,7 +23,8 @@ static bool list_views(const sgs_scene *scene, camera_list *list)
         list->cameras[list->count++] =
             (named_camera){.name = format_text("%s", scene->views[i].name),
                            .camera = scene->views[i].camera,
-                           .pose = scene->views[i].pose};
+                           .pose = scene->views[i].pose,
+                           .orientation = scene->views[i].orientation};
     return true;
 }
 

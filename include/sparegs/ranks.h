@@ -76,7 +76,8 @@ SGS_API sgs_status sgs_ranks_broadcast(sgs_ranks *ranks, sgs_status own, void **
                                        size_t *size);
 
 // Gathers `size` bytes of each rank, the same size on all, into got[count][size] on all ranks, in
-// the order of the ranks. Fails with LIMIT if `size` exceeds 1 GiB. Collective.
+// the order of the ranks. Fails with LIMIT if `size` exceeds 1 GiB, or with INVALID_ARGUMENT if it
+// differs between ranks. Collective.
 SGS_API sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
                                     size_t size, void *got);
 

@@ -403,6 +403,15 @@ sgs_status sgsi_ranks_copy(sgs_ranks *ranks, sgs_status own, sgs_ranks_purpose p
     return SGS_STATUS_OK;
 }
 
+// All ranks see the same sizes, and fail alike.
+static sgs_status fail_sizes(sgs_ranks *ranks, int differing)
+{
+    ranks->failed = SGS_STATUS_INVALID_ARGUMENT;
+    snprintf(ranks->message, sizeof ranks->message, "rank %d gathers %zu bytes, but rank 0 %zu",
+             differing, ranks->sizes[differing], ranks->sizes[0]);
+    return fail_again(ranks);
+}
+
 sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes, size_t size,
                             void *got)
 {
@@ -414,10 +423,13 @@ sgs_status sgs_ranks_gather(sgs_ranks *ranks, sgs_status own, const void *bytes,
     if (!own && size > MAX_GATHERED)
         own = sgsi_fail(SGS_STATUS_LIMIT, "%zu bytes of a rank exceed the limit of %d", size,
                         MAX_GATHERED);
-    const header mine = {.status = (int32_t)own, .kind = KIND_GATHER};
-    const sgs_status status = meet(ranks, SGS_RANKS_OTHER, mine, NULL);
+    const header mine = {.status = (int32_t)own, .kind = KIND_GATHER, .bytes = size};
+    const sgs_status status = meet(ranks, SGS_RANKS_OTHER, mine, ranks->sizes);
     if (status)
         return status;
+    for (int r = 1; r < ranks->transport.count; ++r)
+        if (ranks->sizes[r] != ranks->sizes[0])
+            return fail_sizes(ranks, r);
     const double start = sgsi_seconds();
     ranks->transport.gather(ranks->transport.state, bytes, size, got);
     count_moved(ranks, SGS_RANKS_OTHER, start, others(ranks) * size, others(ranks));

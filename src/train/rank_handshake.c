@@ -129,17 +129,23 @@ static void describe_options(FILE *out, const sgs_train_options *options)
     }
 }
 
+// All views of the scene: held-out ones are scored after the training, each on one rank.
 static sgs_status describe_views(FILE *out, const sgsi_train_views *views)
 {
-    fprintf(out, "number of training views: %zu\n", views->count);
-    for (size_t i = 0; i < views->count; ++i) {
-        const sgs_view *view = &views->scene->views[views->scene_views[i]];
+    const sgs_scene *scene = views->scene;
+    const size_t ahead = sgs_scene_prefetch_count(scene);
+    fprintf(out, "number of training views: %zu\nnumber of held-out views: %zu\n", views->count,
+            scene->view_count - views->count);
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const sgs_view *view = &scene->views[i];
         const sgs_photo *photo;
-        sgsi_train_views_prefetch(views, i);
-        const sgs_status status = sgs_scene_photo(views->scene, views->scene_views[i], &photo);
+        for (size_t k = i + 1; k <= i + ahead; ++k)
+            sgs_scene_prefetch(scene, k);
+        const sgs_status status = sgs_scene_photo(scene, i, &photo);
         if (status)
             return status;
-        fprintf(out, "camera of %s: %016" PRIx64 "\nphoto %s: %016" PRIx64 "\n", view->name,
+        fprintf(out, "split of %s: %s\ncamera of %s: %016" PRIx64 "\nphoto %s: %016" PRIx64 "\n",
+                view->name, view->split == SGS_SPLIT_TEST ? "held out" : "training", view->name,
                 sgs_rank_camera_digest(&view->camera, &view->pose), view->name,
                 sgs_rank_photo_digest(photo));
     }
@@ -163,7 +169,7 @@ sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussian
     }
     if ((!out || fclose(out)) && !status)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to describe %zu views",
-                           views->count);
+                           views->scene->view_count);
     free(program);
     status = sgs_ranks_compare(ranks, status, text ? text : "");
     free(text);

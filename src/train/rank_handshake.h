@@ -6,8 +6,8 @@
 
 #include "train/train_view.h"
 
-// Refuses, on all ranks, a rank that differs from rank 0 in version, options, initial model, views,
-// photos, class of instruction sets or the values of the C library's functions; the message
-// names the rank, its node and the difference. Collective.
+// Refuses, on all ranks, a rank that differs from rank 0 in version, options, initial model, views
+// and photos (training and held-out), class of instruction sets or the values of the C library's
+// functions; the message names the rank, its node and the difference. Collective.
 sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussians *model,
                                sgs_ranks *ranks);

@@ -276,6 +276,35 @@ EOF
 ranks 1 2 --downscale 4 --iterations 120 --quiet -o "$temporary/refused"
 reports "photo $(basename "$photo") is "
 one_voice
+# Held-out images are scored on one rank each: another photo, or none, is found before the training.
+rm -r "$temporary/other"
+cp -r "$room" "$temporary/other"
+photo=$(find "$temporary/other/images" -name '*.jpg' | sort | head -1) # the first image is held out
+cp "$(find "$temporary/other/images" -name '*.jpg' | sort | tail -1)" "$photo"
+ranks 1 2 --downscale 4 --eval --iterations 120 --quiet -o "$temporary/refused"
+reports "photo $(basename "$photo") is "
+one_voice
+# The last of 33 images is held out, too.
+rm -r "$temporary/other"
+cp -r "$room" "$temporary/some_images"
+find "$temporary/some_images/images" -name '*.jpg' | sort | tail -2 | xargs rm
+cp -r "$temporary/some_images" "$temporary/other"
+find "$temporary/other/images" -name '*.jpg' | sort | tail -1 | xargs rm
+sed -i "s|train \"$room\"|train \"$temporary/some_images\"|" "$temporary/differs"
+ranks 1 2 --downscale 4 --eval --iterations 120 --quiet -o "$temporary/refused"
+reports "number of held-out views is 4, but 5 on rank 0"
+check nothing_written test ! -e "$temporary/refused"
+"$SPAREGS_BUILD/tests/test_lpips" alex "$temporary/alex.bin"
+"$SPAREGS_BUILD/tests/test_lpips" vgg "$temporary/vgg.bin"
+cat >"$temporary/differs" <<EOF
+#!/bin/sh
+$on_rank_1 && exec "$real" "\$@" --lpips "$temporary/vgg.bin"
+exec "$real" "\$@" --lpips "$temporary/alex.bin"
+EOF
+ranks 1 2 train "${common[@]}" -o "$temporary/refused"
+reports "content of the file of --lpips is "
+one_voice
+check nothing_written test ! -e "$temporary/refused"
 program=$real
 
 # Another build: the same program with another commit in it.

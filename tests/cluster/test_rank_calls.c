@@ -358,6 +358,27 @@ static void more_bytes_than_a_message_can_have_are_refused(void **state)
     }
 }
 
+static void gather_by_rank(void *context, sgs_ranks *ranks)
+{
+    compared *c = context;
+    static const char bytes[16] = {0};
+    char got[3 * sizeof bytes];
+    const size_t size = sgs_ranks_rank(ranks) == 2 ? 9 : 8;
+    c->status = sgs_ranks_gather(ranks, SGS_STATUS_OK, bytes, size, got);
+    snprintf(c->message, sizeof c->message, "%s", c->status ? sgs_last_error() : "");
+}
+
+static void other_sizes_than_on_rank_0_are_refused(void **state)
+{
+    (void)state;
+    compared members[3] = {{.status = SGS_STATUS_OK}};
+    ranks_run(3, members, sizeof *members, gather_by_rank);
+    for (int r = 0; r < 3; ++r) {
+        assert_int_equal(members[r].status, SGS_STATUS_INVALID_ARGUMENT);
+        assert_string_equal(members[r].message, "rank 2 gathers 9 bytes, but rank 0 8");
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -370,6 +391,7 @@ int main(void)
         cmocka_unit_test(more_senders_than_ranks_are_refused),
         cmocka_unit_test(a_rank_without_memory_at_the_start_ends_all),
         cmocka_unit_test(calls_agree_without_memory),
-        cmocka_unit_test(more_bytes_than_a_message_can_have_are_refused)};
+        cmocka_unit_test(more_bytes_than_a_message_can_have_are_refused),
+        cmocka_unit_test(other_sizes_than_on_rank_0_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -177,16 +177,9 @@ bool group_all(bool own)
     return !status;
 }
 
-bool group_same_options(const command_line *line, const char *names)
+bool group_same_text(char *text)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *out = ranks ? open_memstream(&text, &size) : NULL;
-    if (!ranks)
-        return true;
-    if (out)
-        options_describe_only(out, line, names);
-    bool same = out && !fclose(out);
+    bool same = text != NULL;
     if (!same)
         fail_run("not enough memory to compare the ranks");
     same = group_all(same);
@@ -196,6 +189,22 @@ bool group_same_options(const command_line *line, const char *names)
     }
     free(text);
     return same;
+}
+
+bool group_same_options(const command_line *line, const char *names)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *out = ranks ? open_memstream(&text, &size) : NULL;
+    if (!ranks)
+        return true;
+    if (out)
+        options_describe_only(out, line, names);
+    if (out && fclose(out)) {
+        free(text);
+        text = NULL;
+    }
+    return group_same_text(text);
 }
 
 bool group_requested(unsigned request, bool own)

@@ -57,6 +57,8 @@ bool group_all(bool own);
 // Whether the options in "a|b|c", which decide on collective calls, are those of rank 0. Otherwise
 // false on all ranks; rank 0 has printed the error. Collective.
 bool group_same_options(const command_line *line, const char *names);
+// The same for lines "what: value", see sgs_ranks_compare. Frees the text; NULL: out of memory.
+bool group_same_text(char *text);
 
 // True if the request was raised on any rank; the same on all ranks in the same iteration. `own`
 // raises it.

@@ -5,6 +5,7 @@
 // trainer, and only then replace the files of an earlier run; train; save the model; free the
 // trainer; read the saved model back and evaluate that file on the held-out and training views.
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,6 +27,7 @@
 #include "run/region_file.h"
 #include "run/run_record.h"
 #include "run/trace_file.h"
+#include "sparegs/rank_check.h"
 #include "sparegs/runtime.h"
 
 static const char description[] =
@@ -533,6 +535,17 @@ static void print_stopped(const training *run)
                   run->values.output);
 }
 
+// Whether all ranks, which score different images, score alike. The trainer compares the images.
+static bool same_scoring(const training *run)
+{
+    const train_values *values = &run->values;
+    return !group_ranks() ||
+           group_same_text(format_text(
+               "--lpips-input: %s\ncontent of the file of --lpips: %016" PRIx64 "\nwhite: %.17g\n",
+               values->lpips_input == SGS_LPIPS_SIGNED ? "signed" : "unit",
+               values->lpips ? sgs_rank_file_digest(values->lpips) : 0, run->scene->white_point));
+}
+
 // Prepares OUT, the scene and the trainer. Returns -1 to continue, or an exit status.
 static int prepare(training *run)
 {
@@ -549,7 +562,7 @@ static int prepare(training *run)
     scene_share_memory(&run->data, run->line, run->values.max_memory);
     bool loaded = load_plan(run) && memory_suffices(run) && load_scene(run) &&
                   evaluate_lpips(run->values.lpips, run->scene, &run->lpips);
-    loaded = group_all(loaded);
+    loaded = group_all(loaded) && same_scoring(run);
     if (loaded && group_stop_requested()) {
         print_stopped(run);
         if (group_leads())

@@ -86,6 +86,15 @@ check stopped_by_the_page test "$(jq -r .stop_reason "$temporary/controlled/summ
 check the_viewer_is_named test "$(jq -r .stop_text "$temporary/controlled/summary.json")" = "stopped by the viewer"
 check it_can_be_resumed test -e "$temporary/controlled/checkpoint/state.bin"
 
+# a_page_cannot_end_a_training_with_max_memory: it requests more than the memory that is reserved for it
+if ! is_sanitized; then
+    start limited --iterations 100000 --threads 1 --view-share 100 --max-gaussians 10000 --max-memory 560M
+    page limited
+    ends 130
+    check the_page_did_not_end_it test "$(jq -r .stop_reason "$temporary/limited/summary.json")" = signal
+    check the_memory_is_within_the_limit jq -e '.peak_rss_bytes < 560 * 1048576' "$temporary/limited/summary.json"
+fi
+
 # a_first_signal_after_a_stop_of_the_page_is_the_same_request
 small=("$room" --downscale 4)
 start both --iterations 100000

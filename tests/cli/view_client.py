@@ -529,6 +529,29 @@ def control(url, folder):
         pass
 
 
+def limited(url):
+    """Pictures and EXR files stay within the memory of a training with --max-memory, and the page is told. Stops the training."""
+    page = Page(url)
+    page.wait("hello")
+    page.look(width=4096, height=4096, view=0)
+    sizes, text, end = [], "", time.monotonic() + 120
+    while not text and time.monotonic() < end:
+        kind, message = page.next()
+        if kind == "picture":
+            sizes.append(message[0]["width"] * message[0]["height"])
+        text = message["text"] if kind == "error" else ""
+    expect("the_page_is_told", "pictures have at most 2083333 pixels" in text, text)
+    expect("pictures_fit_the_memory", sizes == sorted(sizes) and 2.0e6 < sizes[-1] <= 2083333, sizes)
+    page.socket.send({"type": "exr"})
+    text = page.wait("error")["text"]
+    expect("an_exr_file_is_refused", "an EXR file of more than 1000000 pixels exceeds" in text, text)
+    before = page.wait("progress")["iteration"]
+    page.wait("progress", lambda message: message["iteration"] > before)  # the memory was compared with the limit
+    with urlopen(url + "photo/0") as answer:
+        expect("a_small_photo_is_shown", answer.status == 200)
+    run_action(url, "stop")
+
+
 def paused(url):
     """A pause shows the iteration at which the training stands. Stops the training."""
     page = Page(url)
@@ -574,7 +597,7 @@ def main():
     url, command = sys.argv[1:3]
     {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm,
      "never_reads": never_reads, "stalled": stalled, "idle": idle, "frames": frames, "move": move,
-     "control": control, "paused": paused, "action": run_action, "status": status}[command](url, *sys.argv[3:])
+     "control": control, "limited": limited, "paused": paused, "action": run_action, "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 
 

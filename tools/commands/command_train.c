@@ -583,6 +583,7 @@ static int prepare(training *run)
 static bool open_view(training *run)
 {
     const train_values *values = &run->values;
+    const bool limited = values->max_memory > 0;
     const training_view_options options = {.place = values->view,
                                            .token = values->view_token,
                                            .share = values->view_share / 100,
@@ -590,6 +591,8 @@ static bool open_view(training *run)
                                            .drawing = training_drawing(run),
                                            .scene = run->scene,
                                            .total = values->options.iterations,
+                                           .picture_bytes = limited ? VIEW_PICTURE_BYTES : 0,
+                                           .photo_bytes = limited ? VIEW_PHOTO_BYTES : 0,
                                            .has_regions = values->options.spare != 0,
                                            .prints_to_stderr = run->common.json};
     run->view = values->view ? training_view_open(&options, run->trainer) : NULL;

@@ -17,7 +17,10 @@ size_t memory_first_count(const sgs_scene *scene, const train_values *values, si
 typedef struct memory_reserve {
     size_t bytes, row_bytes;
 } memory_reserve;
-// That of --view: the second model and its renderer, for pages of up to 1920 x 1080 pixels. Zero
+// Of those of --view, for one picture or EXR file and for one photo. With --max-memory, the viewer
+// makes no larger ones.
+enum { VIEW_PICTURE_BYTES = 150000000, VIEW_PHOTO_BYTES = 60000000 };
+// That of --view: the second model and its renderer, for pictures of up to 1920 x 1080 pixels. Zero
 // without the option, and on ranks other than 0.
 memory_reserve memory_of_view(const train_values *values);
 

@@ -15,17 +15,34 @@ static int scaled(int length, int side, int longer)
     return reduced > 0 ? reduced : 1;
 }
 
-// The photo as it is displayed, at most `side` pixels wide and high.
+// The size of the view's camera, reduced to at most SIDE_WHOLE or SIDE_THUMBNAIL.
+static void size_of(const sgs_scene *scene, size_t index, photo_use use, int *width, int *height)
+{
+    const int side = use == PHOTO_WHOLE ? SIDE_WHOLE : SIDE_THUMBNAIL;
+    *width = scene->views[index].camera.width;
+    *height = scene->views[index].camera.height;
+    const int longer = *width > *height ? *width : *height;
+    if (longer > side) {
+        *width = scaled(*width, side, longer);
+        *height = scaled(*height, side, longer);
+    }
+}
+
+size_t photo_picture_bytes(const sgs_scene *scene, size_t index, photo_use use)
+{
+    enum { PIXEL_BYTES = 40 }; // the photo, its planes, 8-bit pixels and the encoder's
+    int width, height;
+    size_of(scene, index, use, &width, &height);
+    return scene->decode_bytes + PIXEL_BYTES * (size_t)width * (size_t)height;
+}
+
+// The photo as it is displayed.
 static bool read_displayed(const sgs_scene *scene, size_t index, const float background[3],
-                           int side, sgs_image8 *out)
+                           photo_use use, sgs_image8 *out)
 {
     sgs_photo photo;
-    int width = scene->views[index].camera.width, height = scene->views[index].camera.height;
-    const int longer = width > height ? width : height;
-    if (longer > side) {
-        width = scaled(width, side, longer);
-        height = scaled(height, side, longer);
-    }
+    int width, height;
+    size_of(scene, index, use, &width, &height);
     if (sgs_scene_photo_read(scene, index, width, height, &photo))
         return false;
     float *planes = photo_flatten(&photo, background);
@@ -44,7 +61,7 @@ bool photo_picture(const sgs_scene *scene, size_t index, const float background[
     const bool is_whole = use == PHOTO_WHOLE;
     sgs_image8 image;
     *out = (encoded_picture){0};
-    if (!read_displayed(scene, index, background, is_whole ? SIDE_WHOLE : SIDE_THUMBNAIL, &image))
+    if (!read_displayed(scene, index, background, use, &image))
         return false;
     const bool done = is_whole ? encode_png(&image, out) : encode_jpeg(&image, QUALITY, out);
     sgs_image8_free(&image);

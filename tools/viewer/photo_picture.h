@@ -17,5 +17,7 @@ typedef enum photo_use { PHOTO_THUMBNAIL, PHOTO_WHOLE } photo_use;
 // thread may use the scene. False if it cannot be read.
 bool photo_picture(const sgs_scene *scene, size_t index, const float background[3], photo_use use,
                    encoded_picture *out);
+// The memory that this takes, at most.
+size_t photo_picture_bytes(const sgs_scene *scene, size_t index, photo_use use);
 // The media type of its file.
 const char *photo_media_type(photo_use use);

@@ -151,6 +151,8 @@ static bool start(training_view *view, const training_view_options *options,
     source->name = options->folder;
     source->scene = options->scene;
     source->expects_regions = options->has_regions;
+    source->picture_bytes = options->picture_bytes;
+    source->photo_bytes = options->photo_bytes;
     atomic_store(&source->wanted, true);
     if (!view_source_open(source, model, options->folder, sgs_trainer_iteration(trainer)))
         return false;

@@ -20,7 +20,8 @@ typedef struct training_view_options {
     const char *folder;     // of the run
     drawing_values drawing; // of the model
     const sgs_scene *scene;
-    int total; // iterations
+    int total;                         // iterations
+    size_t picture_bytes, photo_bytes; // see view_source.h
     bool has_regions, prints_to_stderr;
 } training_view_options;
 

@@ -32,6 +32,7 @@ typedef struct view_client {
     pthread_t sender;
     pthread_cond_t filled;
     bool used, leaving, broken;
+    bool told_limit;     // that pictures are smaller than requested
     uint32_t generation; // counts the users of this slot
     outgoing *first, *last;
     int queued;

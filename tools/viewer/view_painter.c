@@ -244,6 +244,12 @@ json_t *view_painter_probe(view_painter *painter, const view_request *request, i
 
 // ---- EXR ----
 
+bool view_painter_allows(const view_source *source, const sgs_camera *camera, size_t pixel_bytes)
+{
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    return !source->picture_bytes || pixels * pixel_bytes <= source->picture_bytes;
+}
+
 bool view_painter_exr(view_painter *painter, const view_request *request, char **path)
 {
     view_source *source = painter->source;
@@ -255,6 +261,8 @@ bool view_painter_exr(view_painter *painter, const view_request *request, char *
     *path = NULL;
     if (!n)
         return false;
+    sgs_frame_free(&painter->frame); // the memory is for one of the frames
+    sgs_frame_free(&painter->sampled);
     snprintf(stem, sizeof stem, "view_%04d", n);
     *path = format_text("%s/%s.exr", source->folder, stem);
     frame_files files = files_of(painter, request, &request->camera, NULL);

@@ -17,6 +17,10 @@ typedef struct view_painter {
     crop_preview preview;
 } view_painter;
 
+// Memory per pixel of a picture with samples, and of an EXR file with all quantities: planes, and
+// what encoding takes.
+enum { PICTURE_PIXEL_BYTES = 72, EXR_PIXEL_BYTES = 150 };
+
 typedef struct painted_picture {
     sgs_image8 image;
     value_range range; // of a ramp
@@ -32,6 +36,9 @@ bool view_painter_draw(view_painter *painter, const view_request *request, int w
 // The quantities at pixel (x, y) of the request, as its pictures show them, with its crop: {"x",
 // "y", "color", "depth", ..., "position"}. NULL on failure.
 json_t *view_painter_probe(view_painter *painter, const view_request *request, int x, int y);
+
+// True if the memory for such a picture, or EXR file, is within that of the source.
+bool view_painter_allows(const view_source *source, const sgs_camera *camera, size_t pixel_bytes);
 
 // Writes all quantities of the request as FOLDER/view_N.exr for the first free N; *path receives
 // the path, release it with free(). *path is NULL after printing the error that no N is free.

@@ -12,6 +12,7 @@
 #include "viewer/view_render_thread.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -78,8 +79,16 @@ static bool others_move(const view_hub *hub, const view_client *client, double n
     return false;
 }
 
-// The scale of the client's next picture; 0 if none is due.
-static double due_scale(const view_render_thread *render, const view_client *client, double now)
+// The largest scale of a picture of the request that its memory permits.
+static double most_scale(const view_render_thread *render, const view_request *request)
+{
+    const double pixels = (double)request->camera.width * request->camera.height,
+                 bytes = (double)render->source->picture_bytes;
+    return bytes > 0 ? fmin(1, sqrt(bytes / PICTURE_PIXEL_BYTES / pixels)) : 1;
+}
+
+// The scale of the client's next picture without a limit; 0 if none is due.
+static double wanted_scale(const view_render_thread *render, const view_client *client, double now)
 {
     if (!client->used || client->leaving || client->broken || !client->has_request ||
         !(client->next_scale > 0) || client->frame - client->seen >= HUB_UNSEEN)
@@ -97,6 +106,12 @@ static double due_scale(const view_render_thread *render, const view_client *cli
         client->pixel_seconds * pixels * scale * scale > PATIENCE)
         return 0;
     return scale;
+}
+
+// The scale of the client's next picture; 0 if none is due.
+static double due_scale(const view_render_thread *render, const view_client *client, double now)
+{
+    return fmin(wanted_scale(render, client, now), most_scale(render, &client->request));
 }
 
 static bool find_task(view_render_thread *render, render_task *task)
@@ -234,6 +249,18 @@ static bool post_picture(view_client *client, json_t *head, const encoded_pictur
     return posted;
 }
 
+// Once per page.
+static void tell_limit(view_client *client, const view_render_thread *render)
+{
+    char text[160];
+    snprintf(text, sizeof text,
+             "pictures have at most %zu pixels, because --max-memory of the training leaves no "
+             "memory for larger ones",
+             render->source->picture_bytes / PICTURE_PIXEL_BYTES);
+    view_hub_post_json(client, json_pack("{s:s,s:s}", "type", "error", "text", text));
+    client->told_limit = true;
+}
+
 // Adapts the scales after a picture that took `seconds`.
 static void learn(const view_render_thread *render, view_client *client, const render_task *task,
                   double seconds, bool first)
@@ -258,18 +285,22 @@ static void learn(const view_render_thread *render, view_client *client, const r
     client->drawn_version = render->version;
     if (client->changes != task->changes)
         return;
+    const double most = most_scale(render, &task->request);
     if (task->request.moving)
         client->next_scale = 0;
     else
-        client->next_scale = task->scale < 1 ? fmin(1, STEP * task->scale) : 0;
+        client->next_scale = task->scale < most ? fmin(most, STEP * task->scale) : 0;
+    if (!task->request.moving && most < 1 && !client->next_scale && !client->told_limit)
+        tell_limit(client, render);
 }
 
 // After a failure: a larger picture, since a wide lens requires a minimum of pixels, or the error.
-static void retry(view_client *client, const render_task *task)
+static void retry(const view_render_thread *render, view_client *client, const render_task *task)
 {
+    const double most = most_scale(render, &task->request);
     client->next_scale = 0;
-    if (task->scale < 1)
-        client->next_scale = client->scale = fmin(1, STEP * task->scale);
+    if (task->scale < most)
+        client->next_scale = client->scale = fmin(most, STEP * task->scale);
     else
         view_hub_post_json(client,
                            json_pack("{s:s,s:s}", "type", "error", "text", sgs_last_error()));
@@ -308,7 +339,7 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
             if (post_picture(client, head, &encoded))
                 learn(render, client, task, seconds, built);
         } else if (!is_obsolete(render, task)) {
-            retry(client, task);
+            retry(render, client, task);
         }
     }
     pthread_mutex_unlock(&render->hub->lock);
@@ -343,7 +374,14 @@ static json_t *region_records(view_source *source, uint32_t voxel)
 
 static json_t *save_exr(view_render_thread *render, const render_task *task)
 {
-    char *path;
+    char *path, text[200];
+    if (!view_painter_allows(render->source, &task->request.camera, EXR_PIXEL_BYTES)) {
+        snprintf(text, sizeof text,
+                 "an EXR file of more than %zu pixels exceeds the memory that --max-memory leaves "
+                 "the viewer; select a smaller size, or use 'sparegs render' after the training",
+                 render->source->picture_bytes / EXR_PIXEL_BYTES);
+        return json_pack("{s:s,s:s}", "type", "error", "text", text);
+    }
     const bool done = view_painter_exr(&render->painter, &task->request, &path);
     const char *error =
         path ? sgs_last_error()

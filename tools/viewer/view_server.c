@@ -190,6 +190,24 @@ static bool make_photo(void *context)
     return made;
 }
 
+// Tells all pages if a whole photo is refused; thumbnails just stay empty.
+static bool photo_fits(const view_server *server, size_t index, photo_use use)
+{
+    char text[200];
+    const view_source *source = server->options.source;
+    const size_t bytes = photo_picture_bytes(source->scene, index, use);
+    if (!source->photo_bytes || bytes <= source->photo_bytes)
+        return true;
+    snprintf(text, sizeof text,
+             "photos are not shown: one takes about %.0f MB, more than the %.0f MB that "
+             "--max-memory of the training leaves for it",
+             (double)bytes / 1e6, (double)source->photo_bytes / 1e6);
+    if (use == PHOTO_WHOLE)
+        view_hub_broadcast(server->options.hub,
+                           json_pack("{s:s,s:s}", "type", "error", "text", text));
+    return false;
+}
+
 // Decodes in another thread: CivetWeb's have small stacks.
 static int send_photo(const view_server *server, struct mg_connection *connection, long index,
                       photo_use use)
@@ -197,6 +215,8 @@ static int send_photo(const view_server *server, struct mg_connection *connectio
     const sgs_scene *scene = server->options.source->scene;
     if (!scene || index < 0 || (size_t)index >= scene->view_count)
         return send_status(connection, 404, "no such photo");
+    if (!photo_fits(server, (size_t)index, use))
+        return send_status(connection, 507, "the photo exceeds the memory of the viewer");
     photo_job job = {.source = server->options.source, .index = (size_t)index, .use = use};
     async_task task = {0};
     async_task_start(&task, true, make_photo, &job);

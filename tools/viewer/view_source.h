@@ -35,7 +35,9 @@ typedef struct view_source {
     bool is_run;            // folder is a run folder
     bool expects_regions;   // updates with SPARE-GS will follow
     const sgs_scene *scene; // or NULL
-    camera_list views;      // those of the scene, or of the run's cameras.json
+    // The most memory for a picture or EXR file, and for a photo; 0 = no limit.
+    size_t picture_bytes, photo_bytes;
+    camera_list views; // those of the scene, or of the run's cameras.json
     // Of the first model: medians of the coordinates, and the widest range from the 10 % to the 90
     // % quantile.
     double center[3], extent;

@@ -91,6 +91,19 @@ grep -q "seed_0: was trained with iterations 70, but the plan has 71" "$folder/e
 sed 's/"iterations": 70/"iterations": 70, "save-at": 10/' "$folder/same.json" >"$folder/plan.json"
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet --json | jq '.runs | length')" = 5 ]
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check --json | jq '.runs | length')" = 5 ]
+# So is a plan that another experiment begins in the folder after the check at the start: here during the first run.
+jq '.options.iterations = 300 | .pipelines = ["3dgs"] | .variants = [{name: "first"}, {name: "second"}] | del(.options.trace)' \
+    "$folder/same.json" >"$folder/pair.json"
+mkdir -p "$folder/pair/runs/room/3dgs/second/seed_0"
+"$SPAREGS_PROGRAM" experiment "$folder/pair.json" -o "$folder/pair" 2>"$folder/error" &
+job=$!
+until [ -e "$folder/pair/runs/room/3dgs/first/seed_0/config.json" ]; do kill -0 "$job"; sleep 0.05; done
+echo '{"options": {"iterations": 21}}' >"$folder/pair/runs/room/3dgs/second/seed_0/experiment.json"
+status=0; wait "$job" || status=$?
+[ $status = 1 ] || { echo "FAIL: mixed two plans"; exit 1; }
+grep -q "second/seed_0: was trained with .*, but the plan has" "$folder/error" || { cat "$folder/error"; exit 1; }
+[ "$(grep -c "was trained with" "$folder/error")" = 1 ] || { echo "FAIL: not one line:"; cat "$folder/error"; exit 1; }
+[ ! -e "$folder/pair/runs/room/3dgs/second/seed_0/config.json" ] || { echo "FAIL: trained over another plan"; exit 1; }
 # A type error names the key.
 sed 's/"eval": true/"eval": "yes"/' "$folder/same.json" >"$folder/typed.json"
 if "$SPAREGS_PROGRAM" experiment "$folder/typed.json" -o "$folder/out" --check 2>"$folder/error"; then echo "FAIL: took a string for a flag"; exit 1; fi

@@ -289,9 +289,12 @@ static char *post_rows(char *rows, const experiment_run *run, const json_t *resu
     return rows;
 }
 
-// Writes the results of all completed runs.
+// Writes the results of all completed runs. Another experiment may have begun another plan in this
+// folder since the start.
 static bool write_results_locked(const experiment_plan *plan, const char *folder)
 {
+    if (!plans_agree(plan, folder))
+        return false;
     json_t *root = json_result_new(), *list = json_array();
     char *csv = csv_header(), *points = post_header();
     for (size_t i = 0; i < plan->count; ++i) {
@@ -416,7 +419,7 @@ static json_t *complete_run(const experiment_run *run)
 }
 
 // Numbers of runs, and of steps after the training.
-enum { FAILED_RUNS, FAILED_POINTS, OTHERS_RUNS, COUNTS };
+enum { FAILED_RUNS, FAILED_POINTS, OTHERS_RUNS, OTHER_PLANS, COUNTS };
 
 // Adds those of all ranks. False after printing the error.
 static bool add_counts(int counts[COUNTS])
@@ -474,6 +477,12 @@ static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS])
     const experiment_run *run = &plan->runs[i];
     int lock = -1;
     const bool is_own = lock_run(run, &lock);
+    if (is_own && !plan_agrees(run)) { // started meanwhile by an experiment with another plan
+        ++counts[OTHER_PLANS];
+        if (lock >= 0)
+            close(lock);
+        return false;
+    }
     json_t *done = finished(run);
     print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
                run->pipeline, run->variant, run->seed,
@@ -521,8 +530,9 @@ static int run_all(const experiment_plan *plan, const char *folder)
     bool written = true;
     const size_t ranks = (size_t)group_count(), rank = (size_t)sgs_ranks_rank(group_ranks());
     for (size_t i = rank; i < plan->count && written && !interrupt_signal(); i += ranks) {
-        if (do_run(plan, i, counts))
-            written = !group_leads() || write_results(plan, folder);
+        const bool complete = do_run(plan, i, counts);
+        written =
+            !counts[OTHER_PLANS] && (!complete || !group_leads() || write_results(plan, folder));
     }
     if (!group_all(written) || !add_counts(counts) ||
         (group_leads() && !write_results(plan, folder)))

@@ -130,6 +130,17 @@ EOF
     json "$temporary/plan3/results.json" '.runs | length == 4'
 fi
 
+# A run that fails on another rank: its message is in the log that rank 0 names.
+cat >"$temporary/failing.json" <<EOF
+{"title": "log", "scenes": [{"name": "room", "path": "$room", "options": {"downscale": 8}}], "pipelines": ["3dgs"], "seeds": [0],
+ "variants": [{"name": "first"}, {"name": "second", "options": {"max_memory": "20M"}}], "options": {"iterations": 2, "threads": 1}}
+EOF
+ranks 1 2 experiment "$temporary/failing.json" -o "$temporary/failing" --quiet
+log=$temporary/failing/runs/room/3dgs/second/seed_0/log.txt
+reports "1 of 2 runs failed, see $log; rerun the experiment to repeat them"
+check the_log_has_the_reason grep -q "more than --max-memory" "$log"
+check only_the_failed_run_has_a_log test ! -e "$temporary/failing/runs/room/3dgs/first/seed_0/log.txt"
+
 # ---- Resuming on another number of ranks, and without MPI ----
 run 0 train "${common[@]}" -o "$temporary/whole"
 ranks 0 3 train "${common[@]}" --checkpoint-every 50 -o "$temporary/part"

@@ -17,7 +17,8 @@ const char *const run_entries[RUN_ENTRIES] = {
     "point_cloud",   "cameras.json", "input.ply",   "train.csv",  "spare.csv",
     "exposure.json", "summary.json", "regions.bin", "checkpoint", "config.json"};
 
-static const char *const extra_entries[] = {"experiment.json", ".lock"}; // not moved with a run
+static const char *const extra_entries[] = {"experiment.json", "log.txt",
+                                            ".lock"}; // not moved with a run
 static const char *const model_files[] = {"point_cloud.ply", "point_cloud_filter_3D.ply",
                                           "exposure.json"}; // of an iteration
 static const char *const experiment_files[] = {"results.json", "results.csv", "post.csv"};

@@ -4,6 +4,7 @@
 #include "cli/sub_command.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,22 +18,32 @@
 
 #include "cli/interrupt.h"
 #include "cli/options.h"
+#include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_group.h"
 
 // In the new process. Does not return.
-static void become_command(const char *const *arguments, const char *output)
+static void become_command(const char *const *arguments, const char *output, const char *log)
 {
     // A new process group: Ctrl-C reaches only this program, which forwards it.
     setpgid(0, 0);
 #ifdef __linux__
     prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // if this program is killed
 #endif
+    const int errors = log ? open(log, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666) : -1;
+    if (errors >= 0)
+        dup2(errors, STDERR_FILENO);
     if (freopen(output ? output : "/dev/null", "w", stdout))
         execv("/proc/self/exe", (char *const *)arguments);
     _exit(EXIT_FAILED);
 }
 
-int sub_command_run(const char *const *arguments, const char *output)
+char *sub_command_log(const char *folder)
+{
+    return group_leads() ? NULL : format_text("%s/log.txt", folder);
+}
+
+int sub_command_run(const char *const *arguments, const char *output, const char *log)
 {
     size_t count = 0;
     while (arguments[count])
@@ -45,7 +56,7 @@ int sub_command_run(const char *const *arguments, const char *output)
     fflush(NULL);
     const pid_t child = fork();
     if (!child)
-        become_command(line, output);
+        become_command(line, output, log);
     free(line);
     if (child < 0)
         return fail_run("cannot start 'sparegs %s': %s", arguments[0], strerror(errno));

@@ -220,7 +220,9 @@ static int run_training(const experiment_run *run)
         return fail_run("out of memory");
     memcpy(arguments, run->arguments, (size_t)run->argument_count * sizeof *arguments);
     arguments[run->argument_count] = continuation_of(run);
-    const int status = sub_command_run(arguments, NULL); // the summary is read from the file
+    char *log = sub_command_log(run->folder);
+    const int status = sub_command_run(arguments, NULL, log); // the summary is read from the file
+    free(log);
     free(arguments);
     return status;
 }
@@ -470,9 +472,31 @@ static bool await_results(const experiment_plan *plan, const char *folder)
     return !missing;
 }
 
-// Trains run i and executes its steps, unless another experiment does. Counts what is not complete.
-// True if it is complete.
-static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS])
+// Adds the log of a run to the list, if it has one.
+static void add_log(const experiment_run *run, json_t *logs)
+{
+    char *path = sub_command_log(run->folder);
+    if (path)
+        json_array_append_new(logs, json_text(path));
+    free(path);
+}
+
+// ", see LOG" with the first log of all ranks, on rank 0; "" without one. Steals the list.
+// Collective.
+static char *see_log(json_t *logs)
+{
+    json_t *all = group_gather_json(logs);
+    const char *path = NULL;
+    for (size_t r = 0; r < json_array_size(all) && !path; ++r)
+        path = json_string_value(json_array_get(json_array_get(all, r), 0));
+    char *text = format_text("%s%s", path ? ", see " : "", path ? path : "");
+    json_decref(all);
+    return text;
+}
+
+// Trains run i and executes its steps, unless another experiment does. Counts what is not complete,
+// and adds the log of a failure to `logs`. True if it is complete.
+static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS], json_t *logs)
 {
     const experiment_run *run = &plan->runs[i];
     int lock = -1;
@@ -491,12 +515,15 @@ static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS])
                        : "");
     json_decref(done);
     json_t *summary = is_own ? complete_run(run) : NULL;
+    const int failures = counts[FAILED_RUNS] + counts[FAILED_POINTS];
     if (!is_own)
         ++counts[OTHERS_RUNS];
     else if (!summary)
         counts[FAILED_RUNS] += !interrupt_signal();
     else
         counts[FAILED_POINTS] += run_post(plan, run, summary);
+    if (counts[FAILED_RUNS] + counts[FAILED_POINTS] > failures)
+        add_log(run, logs);
     const bool complete = summary != NULL;
     json_decref(summary);
     if (lock >= 0)
@@ -504,12 +531,13 @@ static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS])
     return complete;
 }
 
-// Exit status of an experiment that no signal ended, on all ranks.
-static int status_of(const experiment_plan *plan, const char *folder, const int counts[COUNTS])
+// Exit status of an experiment that no signal ended, on all ranks. log: see see_log.
+static int status_of(const experiment_plan *plan, const char *folder, const int counts[COUNTS],
+                     const char *log)
 {
     if (counts[FAILED_RUNS])
-        return fail_run("%s: %d of %zu runs failed; rerun the experiment to repeat them", folder,
-                        counts[FAILED_RUNS], plan->count);
+        return fail_run("%s: %d of %zu runs failed%s; rerun the experiment to repeat them", folder,
+                        counts[FAILED_RUNS], plan->count, log);
     if (counts[OTHERS_RUNS] && group_leads())
         print_note("%s: other jobs took %d of %zu runs; the last job to finish completes the "
                    "results",
@@ -517,8 +545,9 @@ static int status_of(const experiment_plan *plan, const char *folder, const int 
     else if (group_leads() && !await_results(plan, folder))
         return EXIT_FAILED;
     return counts[FAILED_POINTS]
-               ? fail_run("%s: %d steps after training failed; rerun the experiment to repeat them",
-                          folder, counts[FAILED_POINTS])
+               ? fail_run("%s: %d steps after training failed%s; rerun the experiment to repeat "
+                          "them",
+                          folder, counts[FAILED_POINTS], log)
                : EXIT_DONE;
 }
 
@@ -527,17 +556,24 @@ static int status_of(const experiment_plan *plan, const char *folder, const int 
 static int run_all(const experiment_plan *plan, const char *folder)
 {
     int counts[COUNTS] = {0};
+    json_t *logs = json_array();
     bool written = true;
     const size_t ranks = (size_t)group_count(), rank = (size_t)sgs_ranks_rank(group_ranks());
     for (size_t i = rank; i < plan->count && written && !interrupt_signal(); i += ranks) {
-        const bool complete = do_run(plan, i, counts);
+        const bool complete = do_run(plan, i, counts, logs);
         written =
             !counts[OTHER_PLANS] && (!complete || !group_leads() || write_results(plan, folder));
     }
     if (!group_all(written) || !add_counts(counts) ||
-        (group_leads() && !write_results(plan, folder)))
+        (group_leads() && !write_results(plan, folder))) {
+        json_decref(logs);
         return EXIT_FAILED;
-    return group_stop_requested() ? interrupt_status() : status_of(plan, folder, counts);
+    }
+    char *log = see_log(logs);
+    const int status =
+        group_stop_requested() ? interrupt_status() : status_of(plan, folder, counts, log);
+    free(log);
+    return status;
 }
 
 static bool print_results(const char *folder)

@@ -507,7 +507,9 @@ static json_t *run_for_result(argument_list *list, const post_run *run, const ch
     add_option(list, "--isa", run->isa);
     add_text(list, "--json");
     add_text(list, "--quiet");
-    *status = sub_command_run((const char *const *)list->texts, output);
+    char *log = sub_command_log(run->folder);
+    *status = sub_command_run((const char *const *)list->texts, output, log);
+    free(log);
     json_t *result = *status ? NULL : load_json(output, 0, NULL);
     unlink(output);
     if (!*status && !result)

@@ -71,6 +71,27 @@ grep -q "other jobs took 1 of 5 runs" "$folder/error" || { cat "$folder/error"; 
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
 [ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
 
+# A training that an experiment which was killed has left, and which still saves: the run waits for it.
+rm -r "$kept/summary.json"
+: >"$folder/locked"
+: >"$folder/error"
+(
+    exec 9>"$kept/.lock"
+    flock -n 9
+    echo locked >"$folder/locked"
+    for _ in $(seq 600); do # longer than the experiment waits
+        if grep -q waiting "$folder/error"; then break; fi
+        sleep 0.1
+    done
+    sleep 0.5
+) &
+job=$!
+until [ -s "$folder/locked" ]; do sleep 0.05; done
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error" || { echo "FAIL: did not wait"; cat "$folder/error"; exit 1; }
+wait "$job"
+grep -q "a training of an earlier experiment is saving; waiting" "$folder/error" || { cat "$folder/error"; exit 1; }
+[ -e "$kept/summary.json" ]
+
 # Two jobs do not write the results at the same time: the second waits, then reads the runs of both.
 rm "$folder/out/results.json"
 exec 9>"$folder/out/.results"

@@ -6,6 +6,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "cli/commands.h"
@@ -472,6 +473,24 @@ static bool await_results(const experiment_plan *plan, const char *folder)
     return !missing;
 }
 
+// Waits for a training that an experiment which was killed has left: it saves its state. False if
+// it still works on the run after a minute, or after a request to stop.
+static bool await_orphan(const experiment_run *run)
+{
+    enum { SECONDS = 60 };
+    char *path = format_text("%s/.lock", run->folder);
+    bool busy = lock_file_is_busy(path);
+    if (busy)
+        print_note("%s: a training of an earlier experiment is saving; waiting for at most %d s",
+                   run->folder, SECONDS);
+    for (int k = 0; busy && k < 10 * SECONDS && !interrupt_signal(); ++k) {
+        nanosleep(&(struct timespec){.tv_nsec = 100000000}, NULL);
+        busy = lock_file_is_busy(path);
+    }
+    free(path);
+    return !busy;
+}
+
 // Adds the log of a run to the list, if it has one.
 static void add_log(const experiment_run *run, json_t *logs)
 {
@@ -500,7 +519,7 @@ static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS], js
 {
     const experiment_run *run = &plan->runs[i];
     int lock = -1;
-    const bool is_own = lock_run(run, &lock);
+    const bool is_own = lock_run(run, &lock) && await_orphan(run);
     if (is_own && !plan_agrees(run)) { // started meanwhile by an experiment with another plan
         ++counts[OTHER_PLANS];
         if (lock >= 0)

@@ -36,6 +36,15 @@ lock_result lock_file_wait(const char *path, int *descriptor)
     return take(path, O_RDWR | O_CREAT, LOCK_EX, descriptor);
 }
 
+bool lock_file_is_busy(const char *path)
+{
+    int descriptor;
+    const lock_result result = take(path, O_RDWR, LOCK_EX | LOCK_NB, &descriptor);
+    if (descriptor >= 0)
+        close(descriptor);
+    return result == LOCK_BUSY;
+}
+
 lock_result lock_folder_take(const char *path, int *descriptor)
 {
     return take(path, O_RDONLY | O_DIRECTORY, LOCK_EX | LOCK_NB, descriptor);

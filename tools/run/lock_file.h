@@ -6,6 +6,8 @@
 // Lustre pass on only locks of regular files that are open for writing: a locked folder excludes
 // just the processes of the same machine.
 
+#include <stdbool.h>
+
 typedef enum lock_result {
     LOCK_TAKEN, // until the descriptor is closed or the process ends
     LOCK_BUSY,  // another process has it
@@ -18,6 +20,9 @@ lock_result lock_file_take(const char *path, int *descriptor);
 // The same, but waits while another process has the lock: for work of milliseconds. Never
 // LOCK_BUSY.
 lock_result lock_file_wait(const char *path, int *descriptor);
+
+// True if another process has the lock of the file. Does not create the file.
+bool lock_file_is_busy(const char *path);
 
 // As lock_file_take for a folder that exists. Leaves no file.
 lock_result lock_folder_take(const char *path, int *descriptor);

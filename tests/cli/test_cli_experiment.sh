@@ -52,10 +52,13 @@ lost=$folder/out/runs/room/3dgs/on/seed_0
 kept=$folder/out/runs/room/mip/off/seed_0
 hash=$(jq -r .model_hash "$lost/summary.json")
 touch -d 2001-01-01 "$kept/summary.json"
+mkdir -p "$kept/checkpoint"
+echo state >"$kept/checkpoint/state.bin" # an experiment that was killed after the training has left it
 rm -r "$lost"
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
 [ "$(jq -r .model_hash "$lost/summary.json")" = "$hash" ]
 [ "$(date -r "$kept/summary.json" +%Y)" = 2001 ]
+[ ! -e "$kept/checkpoint/state.bin" ] || { echo "FAIL: a complete run keeps its checkpoint"; exit 1; }
 
 # Another job that works on the same plan keeps its runs: they are skipped, and repeated only when it is gone.
 rm -r "$kept/summary.json" "$lost"

@@ -402,23 +402,25 @@ static bool lock_run(const experiment_run *run, int *lock)
 static json_t *complete_run(const experiment_run *run)
 {
     json_t *summary = finished(run);
+    int status = EXIT_DONE;
+    if (!summary) {
+        status = write_settings(run) ? run_training(run) : EXIT_FAILED;
+        summary = finished(run);
+    }
     if (summary)
+        drop_checkpoint(run); // also one that a stop, or the end of an experiment, has left
+    if (!status && summary)
         return summary;
-    const int status = write_settings(run) ? run_training(run) : EXIT_FAILED;
+    json_decref(summary);
     if (interrupt_signal())
         return NULL;
-    if (status) {
+    if (status)
         print_warning("%s: training failed with status %d; continuing with the remaining runs",
                       run->folder, status);
-        return NULL;
-    }
-    summary = finished(run);
-    if (summary)
-        drop_checkpoint(run);
     else
         print_warning("%s: stopped before its end; rerun the experiment to continue it",
                       run->folder);
-    return summary;
+    return NULL;
 }
 
 // Numbers of runs, and of steps after the training.

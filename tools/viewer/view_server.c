@@ -23,10 +23,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "cli/async_task.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "viewer/photo_picture.h"
+#include "viewer/photo_queue.h"
 #include "viewer/view_stream.h"
 
 extern const char viewer_page[]; // generated from viewer_page.html, .css and .js
@@ -41,6 +40,7 @@ struct view_server {
     view_server_options options;
     access_rules rules;
     struct mg_context *context;
+    photo_queue photos;
     char *url;
 };
 
@@ -171,25 +171,6 @@ static long index_of(const char *path, const char *prefix)
                                                                 : -1;
 }
 
-typedef struct photo_job {
-    const view_source *source;
-    size_t index;
-    photo_use use;
-    encoded_picture picture;
-} photo_job;
-
-// One at a time: a large photo takes some hundred MB while it is decoded.
-static bool make_photo(void *context)
-{
-    static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER;
-    photo_job *job = context;
-    pthread_mutex_lock(&turn);
-    const bool made = photo_picture(job->source->scene, job->index, job->source->drawing.background,
-                                    job->use, &job->picture);
-    pthread_mutex_unlock(&turn);
-    return made;
-}
-
 // Tells all pages if a whole photo is refused; thumbnails just stay empty.
 static bool photo_fits(const view_server *server, size_t index, photo_use use)
 {
@@ -208,28 +189,31 @@ static bool photo_fits(const view_server *server, size_t index, photo_use use)
     return false;
 }
 
-// Decodes in another thread: CivetWeb's have small stacks.
-static int send_photo(const view_server *server, struct mg_connection *connection, long index,
+static int send_photo(view_server *server, struct mg_connection *connection, long index,
                       photo_use use)
 {
     const sgs_scene *scene = server->options.source->scene;
+    encoded_picture picture;
     if (!scene || index < 0 || (size_t)index >= scene->view_count)
         return send_status(connection, 404, "no such photo");
     if (!photo_fits(server, (size_t)index, use))
         return send_status(connection, 507, "the photo exceeds the memory of the viewer");
-    photo_job job = {.source = server->options.source, .index = (size_t)index, .use = use};
-    async_task task = {0};
-    async_task_start(&task, true, make_photo, &job);
-    if (!async_task_wait(&task))
+    switch (photo_queue_get(&server->photos, (size_t)index, use, &picture)) {
+    case PHOTO_STOPPED:
+        return send_status(connection, 503, "sparegs ends");
+    case PHOTO_UNREADABLE:
         return send_status(connection, 404, "the photo cannot be read");
+    case PHOTO_MADE:
+        break;
+    }
     mg_printf(connection, "HTTP/1.1 200 OK\r\n%sContent-Type: %s\r\nContent-Length: %zu\r\n\r\n",
-              common_headers, photo_media_type(use), job.picture.size);
-    mg_write(connection, job.picture.bytes, job.picture.size);
-    encoded_picture_free(&job.picture);
+              common_headers, photo_media_type(use), picture.size);
+    mg_write(connection, picture.bytes, picture.size);
+    encoded_picture_free(&picture);
     return 200;
 }
 
-static int route(const view_server *server, struct mg_connection *connection,
+static int route(view_server *server, struct mg_connection *connection,
                  const struct mg_request_info *info, const access_request *request)
 {
     const char *path = info->local_uri ? info->local_uri : "";
@@ -254,8 +238,8 @@ static int route(const view_server *server, struct mg_connection *connection,
 static int answer_request(struct mg_connection *connection)
 {
     const struct mg_request_info *info = mg_get_request_info(connection);
-    const view_server *server = info->user_data;
-    char token[TOKEN_MAXIMUM + 1] = "", forwarded[HOST_MAXIMUM + 1];
+    view_server *server = info->user_data;
+    char token[TOKEN_MAXIMUM + 1] = "";
     if (info->query_string)
         mg_get_var(info->query_string, strlen(info->query_string), "token", token, sizeof token);
     forwarded_host(mg_get_header(connection, "X-Forwarded-Host"), forwarded);
@@ -321,6 +305,7 @@ view_server *view_server_start(const view_server_options *options)
         .begin_request = answer_request, .log_message = drop_message, .log_access = drop_message};
     if (server) {
         server->options = *options;
+        photo_queue_open(&server->photos, options->hub, options->source);
         server->rules = (access_rules){.loopback = view_address_is_loopback(&options->address),
                                        .token = options->token,
                                        .port = options->address.port};
@@ -382,7 +367,9 @@ void view_server_stop(view_server *server)
 {
     if (server && server->context)
         stop_context(server);
-    if (server)
+    if (server) {
+        photo_queue_close(&server->photos);
         free(server->url);
+    }
     free(server);
 }

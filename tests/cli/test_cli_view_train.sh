@@ -76,6 +76,7 @@ pictures_of() { tail -n 1 "$temporary/$1"; }
 hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }
 check same_model_with_two_moving_pages test "$(hash_of alone)" = "$(hash_of viewed)"
 check pages_saw_pictures test "$(pictures_of first)" -gt 0 -a "$(pictures_of second)" -gt 0
+check pages_saw_the_last_model grep -qx 'last iteration 300' "$temporary/first"
 check same_files cmp "$temporary/alone/point_cloud/iteration_300/point_cloud.ply" "$temporary/viewed/point_cloud/iteration_300/point_cloud.ply"
 
 # pages_control_the_run: pause, checkpoint while paused, continue, tables, regions, stop.

@@ -469,9 +469,9 @@ def when_served(url, seconds=120):
 
 
 def move(url, early=""):
-    """Moves until the connection ends; prints a line after the first picture and the number of pictures at the end. With
-    `early`, waits for the server."""
-    count = 0
+    """Moves until the connection ends; prints a line after the first picture, and at the end the iteration of the last one
+    and the number of pictures. With `early`, waits for the server."""
+    count, iteration = 0, 0
     try:
         page = when_served(url) if early else Page(url)
         matrix = list(page.wait("hello")["views"][0]["camera_to_world"])
@@ -480,12 +480,12 @@ def move(url, early=""):
             matrix[3] += 0.001
             page.socket.send({"type": "camera", "serial": page.serial, "moving": page.serial % 8 != 0, "width": 160,
                               "height": 90, "camera_to_world": matrix, "fov": 50})
-            page.wait("picture")
+            iteration = page.wait("picture")[0]["iteration"]
             count += 1
             if count == 1:
                 print("first picture", flush=True)
     except (Closed, OSError):
-        print(count)
+        print(f"last iteration {iteration}\n{count}")
 
 
 def control(url, folder):

@@ -2,12 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The memory of a viewer does not grow with the number of cameras that its pages show. The files
-// that it saves replace no others.
+// that it saves replace no others. The last model of a training is copied also while it draws.
 
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <time.h>
 
 #include <cmocka.h>
 
@@ -123,11 +124,49 @@ static void saved_files_replace_no_other(void **state)
     temp_folder_remove(&folder);
 }
 
+static atomic_bool draws;
+
+static void *draw_for_a_moment(void *argument)
+{
+    view_source *source = argument;
+    pthread_mutex_lock(&source->lock);
+    atomic_store(&draws, true);
+    nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
+    assert_true(atomic_load(&source->replacing)); // the drawing thread abandons its picture
+    pthread_mutex_unlock(&source->lock);
+    return NULL;
+}
+
+static void the_last_model_waits_for_the_drawing_thread(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(5, 40, NULL);
+    view_source source = {.name = "model"};
+    sgs_gaussians *model;
+    pthread_t thread;
+    assert_int_equal(sgs_gaussians_create(scene.count, &model), SGS_STATUS_OK);
+    assert_true(view_source_open(&source, model, NULL, 3));
+    atomic_store(&source.wanted, true);
+    assert_int_equal(pthread_create(&thread, NULL, draw_for_a_moment, &source), 0);
+    while (!atomic_load(&draws))
+        nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+    assert_false(view_source_offer(&source, scene.model, NULL, 6));
+    assert_int_equal(atomic_load(&source.iteration), 3);
+    assert_true(view_source_replace(&source, scene.model, NULL, 7));
+    pthread_join(thread, NULL);
+    assert_int_equal(atomic_load(&source.iteration), 7);
+    assert_int_equal(source.model->count, scene.count);
+    assert_false(atomic_load(&source.replacing));
+    view_source_close(&source);
+    oracle_scene_free(&scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ray_tables_of_viewer_and_preview_are_limited),
         cmocka_unit_test(saved_files_replace_no_other),
+        cmocka_unit_test(the_last_model_waits_for_the_drawing_thread),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -238,7 +238,7 @@ void training_view_step(training_view *view, const sgs_step_info *info, const sg
     report(view);
 }
 
-// Copies the model if the viewer has an earlier one.
+// Copies the model of a pause if the viewer has an earlier one.
 static void offer_last(training_view *view, const sgs_trainer *trainer)
 {
     view_source *source = &view->session.source;
@@ -248,6 +248,20 @@ static void offer_last(training_view *view, const sgs_trainer *trainer)
     atomic_store(&source->wanted, true);
     if (offer(view, trainer, iteration))
         view_hub_wake(&view->session.hub);
+}
+
+// The same after the training, whose model is about to be freed.
+static void show_last(training_view *view, const sgs_trainer *trainer)
+{
+    view_source *source = &view->session.source;
+    const int iteration = sgs_trainer_iteration(trainer);
+    if (!is_whole(trainer) || atomic_load(&source->iteration) == iteration)
+        return;
+    if (!view_source_replace(source, sgs_trainer_model(trainer), sgs_trainer_filter_3d(trainer),
+                             iteration))
+        print_warning("not enough memory to show the last model; the viewer shows that of "
+                      "iteration %d",
+                      atomic_load(&source->iteration));
 }
 
 static void show_pause(training_view *view)
@@ -284,11 +298,15 @@ void training_view_finish(training_view *view, const sgs_trainer *trainer)
 {
     if (!view)
         return;
-    offer_last(view, trainer);
     pthread_mutex_lock(&view->lock);
     view->finished = true;
+    view->share = 1;
+    atomic_store(&view->session.artist.share, 1);
     view->seconds = sgs_trainer_seconds(trainer);
     pthread_mutex_unlock(&view->lock);
+    view_hub_wake(&view->session.hub); // ends the sleep for the share
+    show_last(view, trainer);
+    view_hub_wake(&view->session.hub);
     report(view);
 }
 

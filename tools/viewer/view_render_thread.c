@@ -47,8 +47,8 @@ static struct timespec deadline(double seconds)
 // True if the picture of the task is not required any more. With the hub's lock held.
 static bool is_obsolete(const view_render_thread *render, const render_task *task)
 {
-    return render->hub->stopping || task->client->changes != task->changes ||
-           task->client->generation != task->generation;
+    return render->hub->stopping || atomic_load(&render->source->replacing) ||
+           task->client->changes != task->changes || task->client->generation != task->generation;
 }
 
 // Sleeps for what the work since the last call and earlier work owe. Returns early, and still owes
@@ -172,7 +172,7 @@ static bool next_task(view_render_thread *render, render_task *task)
             if (any && clock_seconds() - render->copied > COPY_SECONDS)
                 atomic_store(&render->source->wanted, true);
         }
-        found = find_task(render, task);
+        found = !atomic_load(&render->source->replacing) && find_task(render, task);
         if (found)
             break;
         const struct timespec until = deadline(clock_seconds() + (any ? 0.1 : 1));
@@ -185,21 +185,22 @@ static bool next_task(view_render_thread *render, render_task *task)
 // ---- Pictures ----
 
 typedef struct band_context {
-    view_render_thread *render;
+    view_render_thread *artist;
     const render_task *task;
+    bool abandoned;
 } band_context;
 
 // Between bands: false if the picture is not required any more.
 static bool continue_picture(void *user, size_t done, size_t total)
 {
-    const band_context *context = user;
+    band_context *context = user;
     view_hub *hub = context->render->hub;
     if (done < total)
         keep_share(context->render, context->task);
     pthread_mutex_lock(&hub->lock);
-    const bool obsolete = is_obsolete(context->render, context->task);
+    context->abandoned = is_obsolete(context->render, context->task);
     pthread_mutex_unlock(&hub->lock);
-    return !obsolete;
+    return !context->abandoned;
 }
 
 static int scaled(int size, double scale)
@@ -315,7 +316,7 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
                lossless = full && !(render->is_live && atomic_load(&render->share) < 1);
     const int width = scaled(request->camera.width, fmin(task->scale, 1)),
               height = scaled(request->camera.height, fmin(task->scale, 1));
-    band_context context = {render, task};
+    band_context context = {render, task, false};
     painted_picture picture;
     encoded_picture encoded = {0};
     const double start = clock_seconds();
@@ -338,7 +339,7 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
         if (done) {
             if (post_picture(client, head, &encoded))
                 learn(render, client, task, seconds, built);
-        } else if (!is_obsolete(render, task)) {
+        } else if (!context.abandoned && !is_obsolete(render, task)) {
             retry(render, client, task);
         }
     }

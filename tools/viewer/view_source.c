@@ -81,11 +81,10 @@ void view_source_close(view_source *source)
     source->folder = source->marks = NULL;
 }
 
-bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,
+// With the lock held.
+static bool copy_model(view_source *source, const sgs_gaussians *model, const float *filter_3d,
                        int iteration)
 {
-    if (!atomic_load(&source->wanted) || pthread_mutex_trylock(&source->lock))
-        return false;
     sgs_gaussians *fused = NULL;
     bool done = !filter_3d || !sgs_gaussians_fuse_filter_3d(model, filter_3d, &fused);
     done = done && !sgs_gaussians_copy(source->model, fused ? fused : model);
@@ -98,6 +97,26 @@ bool view_source_offer(view_source *source, const sgs_gaussians *model, const fl
         sgs_renderer_update(source->renderer);
         atomic_store(&source->wanted, false);
     }
+    return done;
+}
+
+bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,
+                       int iteration)
+{
+    if (!atomic_load(&source->wanted) || pthread_mutex_trylock(&source->lock))
+        return false;
+    const bool done = copy_model(source, model, filter_3d, iteration);
+    pthread_mutex_unlock(&source->lock);
+    return done;
+}
+
+bool view_source_replace(view_source *source, const sgs_gaussians *model, const float *filter_3d,
+                         int iteration)
+{
+    atomic_store(&source->replacing, true);
+    pthread_mutex_lock(&source->lock);
+    const bool done = copy_model(source, model, filter_3d, iteration);
+    atomic_store(&source->replacing, false);
     pthread_mutex_unlock(&source->lock);
     return done;
 }

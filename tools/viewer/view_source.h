@@ -5,8 +5,9 @@
 // What the viewer shows: a model, stored or copied from a training run, its cameras and photos,
 // and the records of its run.
 //
-// Threads: the render thread holds `lock` while it uses model, renderer and regions. A training run
-// replaces the model by view_source_offer between two iterations, if the lock is free.
+// Threads: the drawing thread holds `lock` while it uses model, renderer and regions. A training
+// replaces the model by view_source_offer between two iterations, if the lock is free, and by
+// view_source_replace after the last one.
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -27,6 +28,7 @@ typedef struct view_source {
     bool regions_made;
     drawing_values drawing; // how it is rendered
     atomic_bool wanted;     // a new copy is of use
+    atomic_bool replacing;  // view_source_replace waits for `lock`; nobody else takes it
 
     // Constant while the viewer serves.
     const char *name;       // of the model
@@ -61,6 +63,10 @@ void view_source_close(view_source *source);
 // filter_3d: see sgs_trainer_filter_3d. True if the model was copied.
 bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,
                        int iteration);
+// The same for the last model: waits until the drawing thread, which abandons its picture, has
+// released the lock. False if no memory is left.
+bool view_source_replace(view_source *source, const sgs_gaussians *model, const float *filter_3d,
+                         int iteration);
 // Adds a structural update to the history.
 void view_source_add_regions(view_source *source, const sgs_regions *update);
 // The regions of the model; map->iteration is 0 without any. Call with `lock` held.

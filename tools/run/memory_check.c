@@ -48,10 +48,11 @@ static int distinct_digits(double a, double b)
 memory_reserve memory_of_view(const train_values *values)
 {
     // Per primitive: parameters, 184 for tracing and BVH, and room for growth. Fixed: ray tables
-    // (VIEWER_RAY_BYTES), a picture, a photo and encoded pictures; per thread as in training.
+    // (VIEWER_RAY_BYTES), a picture, a photo, thumbnails and encoded pictures; per thread as in
+    // training.
     enum {
         VIEW_ROW_BYTES = 460,
-        VIEW_BYTES = 70000000 + VIEW_PICTURE_BYTES + VIEW_PHOTO_BYTES,
+        VIEW_BYTES = 80000000 + VIEW_PICTURE_BYTES + VIEW_PHOTO_BYTES,
         VIEW_THREAD_BYTES = 6000000
     };
     if (!values->view || !group_leads())

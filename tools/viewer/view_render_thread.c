@@ -51,13 +51,14 @@ static bool is_obsolete(const view_render_thread *render, const render_task *tas
            task->client->changes != task->changes || task->client->generation != task->generation;
 }
 
-// Sleeps for what the work since the last call and earlier work owe. Returns early, and still owes
-// the rest, when `task` becomes obsolete (NULL: never).
+// Sleeps for what the work since the last call, photos and earlier work owe. Returns early, and
+// still owes the rest, when `task` becomes obsolete (NULL: never).
 static void keep_share(view_render_thread *render, const render_task *task)
 {
     view_hub *hub = render->hub;
     const double share = atomic_load(&render->share), now = clock_seconds();
-    render->owed = share < 1 ? fmin(render->owed + (now - render->slice) * (1 / share - 1), 10) : 0;
+    const double work = now - render->slice + atomic_exchange(&render->source->photo_seconds, 0);
+    render->owed = share < 1 ? fmin(render->owed + work * (1 / share - 1), 10) : 0;
     const double end = now + render->owed;
     const struct timespec until = deadline(end);
     pthread_mutex_lock(&hub->lock);

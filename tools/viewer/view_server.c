@@ -193,7 +193,7 @@ static int send_photo(view_server *server, struct mg_connection *connection, lon
                       photo_use use)
 {
     const sgs_scene *scene = server->options.source->scene;
-    encoded_picture picture;
+    encoded_picture picture = {0};
     if (!scene || index < 0 || (size_t)index >= scene->view_count)
         return send_status(connection, 404, "no such photo");
     if (!photo_fits(server, (size_t)index, use))
@@ -305,7 +305,7 @@ view_server *view_server_start(const view_server_options *options)
         .begin_request = answer_request, .log_message = drop_message, .log_access = drop_message};
     if (server) {
         server->options = *options;
-        photo_queue_open(&server->photos, options->hub, options->source);
+        photo_queue_open(&server->photos, options->hub, options->source, options->share);
         server->rules = (access_rules){.loopback = view_address_is_loopback(&options->address),
                                        .token = options->token,
                                        .port = options->address.port};

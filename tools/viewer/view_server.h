@@ -32,7 +32,8 @@ typedef struct view_server_options {
     view_address address;
     const char *token; // or NULL; an address other than the loopback requires one
     view_hub *hub;
-    const view_source *source;
+    view_source *source;
+    const _Atomic double *share; // see view_artist.h
 } view_server_options;
 
 // NULL after printing the error; see view_address_is_free.

@@ -75,7 +75,8 @@ bool view_session_start(view_session *session, const view_session_options *optio
     const view_server_options server = {.address = options->address,
                                         .token = *session->token ? session->token : NULL,
                                         .hub = &session->hub,
-                                        .source = &session->source};
+                                        .source = &session->source,
+                                        .share = &session->artist.share};
     session->server = view_server_start(&server);
     return session->server && view_render_thread_start(&session->render);
 }

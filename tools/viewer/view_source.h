@@ -26,9 +26,10 @@ typedef struct view_source {
     _Atomic uint64_t version; // counts the models
     region_map regions;       // of the model; made when requested
     bool regions_made;
-    drawing_values drawing; // how it is rendered
-    atomic_bool wanted;     // a new copy is of use
-    atomic_bool replacing;  // view_source_replace waits for `lock`; nobody else takes it
+    drawing_values drawing;       // how it is rendered
+    atomic_bool wanted;           // a new copy is of use
+    _Atomic double photo_seconds; // spent on photos, not yet charged to the drawing thread
+    atomic_bool replacing;        // view_source_replace waits for `lock`; nobody else takes it
 
     // Constant while the viewer serves.
     const char *name;       // of the model

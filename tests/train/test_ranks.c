@@ -111,7 +111,8 @@ typedef struct training {
     bool saves;        // rank 0 saves a checkpoint after the last
     const char *files; // model files of rank 0, without ".ply" and "_3D.ply"; or NULL
     uint64_t cut_seed;
-    int failing; // this rank fails in iteration `failing_at`, -1 = none
+    int collects; // before this iteration the model is collected, and no memory is left; 0 = never
+    int failing;  // this rank fails in iteration `failing_at`, -1 = none
     int failing_at;
     size_t failing_allocation;
     size_t memory_limit; // 0 = none
@@ -120,10 +121,27 @@ typedef struct training {
     result out;
 } training;
 
+// All ranks learn that the model of the viewer does not fit, and continue.
+static void collect_without_memory(sgs_trainer *trainer, int rank)
+{
+    sgs_ranks *ranks = trainer->views.ranks;
+    assert_int_equal(sgs_ranks_agree(ranks, SGS_STATUS_OK), SGS_STATUS_OK);
+    if (!rank)
+        sgsi_fail_allocation(1);
+    assert_int_equal(sgs_ranks_agree(ranks, SGS_STATUS_OK), SGS_STATUS_OK);
+    const sgs_status status = sgs_trainer_collect(trainer);
+    sgsi_fail_allocation(0);
+    assert_int_equal(status, ranks ? SGS_STATUS_OUT_OF_MEMORY : SGS_STATUS_OK);
+    assert_true(sgs_trainer_is_consistent(trainer));
+    sgs_ranks_recover(ranks);
+}
+
 static bool steps(training *t, sgs_trainer *trainer, int rank)
 {
     for (int i = t->first; i < t->last; ++i) {
         sgs_step_info info;
+        if (i && i == t->collects)
+            collect_without_memory(trainer, rank);
         const bool fails = i == t->failing_at && rank == t->failing;
         if (fails)
             sgsi_fail_allocation(t->failing_allocation);
@@ -273,10 +291,12 @@ static void batches_of_views_give_the_same_bits(void **state)
     compare(&plan, 2, 2, "mcmc with batches of three views");
 }
 
+// Also after the model could not be collected.
 static void cuts_by_cost_give_the_same_bits(void **state)
 {
     (void)state;
     training plan = plan_of(SGS_PIPELINE_FASTGS);
+    plan.collects = 75;
     result expected, actual[MAX_RANKS];
     train(&plan, 0, &expected);
     train(&plan, 3, actual);

@@ -393,11 +393,27 @@ static void record_step(training *run, trace_file *trace, double start,
                                     info->loss_average, info->psnr_average, info->gaussians});
 }
 
+// Makes the model whole for the viewer on rank 0. After a failure, of which all ranks learn, the
+// training continues, and pages keep the model that they show. Collective.
+static bool collect_for_view(training *run)
+{
+    if (run->view_lost)
+        return false;
+    if (!sgs_trainer_collect(run->trainer))
+        return true;
+    print_warning("%s: training continues %s: %s", run->values.output,
+                  run->view ? "without newer models in the viewer" : "without the viewer",
+                  sgs_last_error());
+    run->view_lost = true;
+    group_recover(true); // a failed copy leaves the trainer whole
+    return false;
+}
+
 // The viewer of rank 0. Several ranks save what it requests after a pause.
 static void show_step(training *run, const sgs_step_info *info)
 {
     if (group_taken(GROUP_VIEW, group_leads() && training_view_wants(run->view)))
-        sgs_trainer_collect(run->trainer); // a failure is that of the next step
+        collect_for_view(run);
     if (!group_leads())
         return;
     training_view_step(run->view, info, run->trainer);
@@ -461,7 +477,8 @@ static bool iterate(training *run, trace_file *trace)
         done = done && iterate_once(run, trace);
     }
     progress_end();
-    done = done && !(run->values.view && sgs_trainer_collect(run->trainer));
+    if (done && run->values.view)
+        collect_for_view(run);
     if (done)
         training_view_finish(run->view, run->trainer);
     return done;
@@ -604,8 +621,9 @@ static bool iterate_and_save(training *run)
 {
     const bool traces = run->values.trace && group_leads();
     trace_file *trace = traces ? trace_open(run->values.trace) : NULL;
-    bool done = !(run->values.view && sgs_trainer_collect(run->trainer)) && (!traces || trace);
-    done = group_all(done && (!group_leads() || open_view(run))) && iterate(run, trace);
+    bool done = !traces || trace;
+    const bool viewed = run->values.view && collect_for_view(run);
+    done = group_all(done && (!group_leads() || !viewed || open_view(run))) && iterate(run, trace);
     done = group_all(trace_close(trace, done) && done) && group_all(training_save(run));
     if (group_leads())
         run_folder_close_tables(&run->folder);

@@ -30,6 +30,7 @@ typedef struct training {
     sgs_lpips *lpips; // NULL without --lpips
     sgs_trainer *trainer;
     training_view *view; // NULL without --view
+    bool view_lost;      // with several ranks: no memory to collect the model for it
     run_folder folder;
     double started, load_seconds, train_seconds, longest_step;
     double iterating_since; // clock_seconds()

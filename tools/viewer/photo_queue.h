@@ -20,7 +20,7 @@ enum { THUMBNAIL_BYTES = 8 << 20 };
 typedef struct photo_queue {
     view_hub *hub;
     view_source *source;
-    const _Atomic double *share; // see view_artist.h
+    const _Atomic double *share; // see view_render_thread.h
     pthread_mutex_t turn;        // of the photo that is decoded
     double due;                  // of the turn: time of the next photo
     pthread_mutex_t lock;        // of what follows

@@ -301,7 +301,7 @@ void training_view_finish(training_view *view, const sgs_trainer *trainer)
     pthread_mutex_lock(&view->lock);
     view->finished = true;
     view->share = 1;
-    atomic_store(&view->session.artist.share, 1);
+    atomic_store(&view->session.render.share, 1);
     view->seconds = sgs_trainer_seconds(trainer);
     pthread_mutex_unlock(&view->lock);
     view_hub_wake(&view->session.hub); // ends the sleep for the share

@@ -186,7 +186,7 @@ static bool next_task(view_render_thread *render, render_task *task)
 // ---- Pictures ----
 
 typedef struct band_context {
-    view_render_thread *artist;
+    view_render_thread *render;
     const render_task *task;
     bool abandoned;
 } band_context;

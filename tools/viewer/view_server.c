@@ -239,7 +239,7 @@ static int answer_request(struct mg_connection *connection)
 {
     const struct mg_request_info *info = mg_get_request_info(connection);
     view_server *server = info->user_data;
-    char token[TOKEN_MAXIMUM + 1] = "";
+    char token[TOKEN_MAXIMUM + 1] = "", forwarded[HOST_MAXIMUM + 1];
     if (info->query_string)
         mg_get_var(info->query_string, strlen(info->query_string), "token", token, sizeof token);
     forwarded_host(mg_get_header(connection, "X-Forwarded-Host"), forwarded);

@@ -33,7 +33,7 @@ typedef struct view_server_options {
     const char *token; // or NULL; an address other than the loopback requires one
     view_hub *hub;
     view_source *source;
-    const _Atomic double *share; // see view_artist.h
+    const _Atomic double *share; // see view_render_thread.h
 } view_server_options;
 
 // NULL after printing the error; see view_address_is_free.

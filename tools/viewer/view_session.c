@@ -76,7 +76,7 @@ bool view_session_start(view_session *session, const view_session_options *optio
                                         .token = *session->token ? session->token : NULL,
                                         .hub = &session->hub,
                                         .source = &session->source,
-                                        .share = &session->artist.share};
+                                        .share = &session->render.share};
     session->server = view_server_start(&server);
     return session->server && view_render_thread_start(&session->render);
 }

@@ -57,6 +57,33 @@ one_line
 run 2 train "$room" -o "$temporary/many" --resume --save-at 61 --quiet
 reports "--save-at: the run ends at iteration 60"
 
+# the_options_of_the_output_are_kept: --save-at, --checkpoint-every and --lpips, whose weights must exist
+run 0 train "$room" -o "$temporary/kept" --iterations 60 --downscale 16 --save-at 30,50 --checkpoint-every 20 --quiet
+json "$temporary/kept/config.json" '.checkpoint_every_given and .lpips == null and .lpips_input == "unit"'
+rewind "$temporary/kept"
+run 0 train "$room" -o "$temporary/kept" --resume --quiet
+json "$temporary/kept/config.json" '.save_at == [30, 50] and .checkpoint_every == 20 and .checkpoint_every_given'
+check the_model_of_iteration_50_is_saved test -s "$temporary/kept/point_cloud/iteration_50/point_cloud.ply"
+run 0 train "$room" -o "$temporary/kept" --resume --save-at 55 --checkpoint-every 0 --quiet
+json "$temporary/kept/config.json" '.save_at == [55] and .checkpoint_every == 0'
+run 0 train "$room" -o "$temporary/kept" --resume --quiet
+json "$temporary/kept/config.json" '.save_at == [55] and .checkpoint_every == 0'
+jq --arg file "$temporary/gone.bin" '.lpips = $file | .lpips_input = "signed"' "$temporary/kept/config.json" \
+    >"$temporary/weights.json"
+cp "$temporary/weights.json" "$temporary/kept/config.json"
+run 1 train "$room" -o "$temporary/kept" --resume --quiet
+reports "config.json: the LPIPS weights of the run, $temporary/gone.bin, do not exist; specify their file with --lpips FILE"
+one_line
+check the_record_stays cmp "$temporary/weights.json" "$temporary/kept/config.json"
+echo "no weights" >"$temporary/gone.bin"
+run 1 train "$room" -o "$temporary/kept" --resume --quiet
+reports "$temporary/gone.bin"
+one_line
+jq 'del(.checkpoint_every_given, .lpips, .lpips_input) | .checkpoint_every = 1000' "$temporary/weights.json" \
+    >"$temporary/kept/config.json" # of an earlier version
+run 0 train "$room" -o "$temporary/kept" --resume --quiet
+json "$temporary/kept/config.json" '.checkpoint_every == 1000 and (.checkpoint_every_given | not) and .lpips == null'
+
 # an_option_that_may_change is changed alone
 run 0 train "$room" -o "$temporary/many" --resume --iterations 62 --quiet
 json "$temporary/many/config.json" '.resumed[-1].changed_from == {"iterations": 60} and .options.max_gaussians == 900'

@@ -53,6 +53,7 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
 void scene_share_memory(scene_values *values, const command_line *line, uint64_t limit);
 // The rows of --lpips and --lpips-input for a struct with the members `lpips` (const char *) and
 // `lpips_input` (int, sgs_lpips_input).
+#define LPIPS_INPUT_WORDS "unit|signed"
 #define LPIPS_OPTIONS(values)                                                                      \
     {.name = "lpips",                                                                              \
      .kind = OPTION_TEXT,                                                                          \
@@ -63,7 +64,7 @@ void scene_share_memory(scene_values *values, const command_line *line, uint64_t
      .help = "also compute LPIPS, with weights converted by tools/scripts/lpips_weights.py"},      \
     {                                                                                              \
         .name = "lpips-input", .kind = OPTION_CHOICE, .offset = offsetof(values, lpips_input),     \
-        .argument = "unit|signed", .initial = "unit", .needs = "lpips",                            \
+        .argument = LPIPS_INPUT_WORDS, .initial = "unit", .needs = "lpips",                        \
         .help = "input range of the LPIPS network: [0, 1] as in 3DGS, or [-1, 1] as in its "       \
                 "paper"                                                                            \
     }

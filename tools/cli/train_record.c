@@ -166,6 +166,8 @@ json_t *train_config(const char *scene_path, const train_values *values, const s
     json_object_set_new(config, "precise", precise_options(values, scene));
     json_object_set_new(config, "save_at", save_at);
     set_integer(config, "checkpoint_every", (uint64_t)values->checkpoint_every);
+    set_text(config, "lpips", values->lpips);
+    set_word(config, "lpips_input", LPIPS_INPUT_WORDS, values->lpips_input);
     return config;
 }
 
@@ -281,6 +283,42 @@ static bool recall(const command_line *line, const json_t *stored, const char *k
     return filled;
 }
 
+// --checkpoint-every as given when the run started; NULL if it was not. Earlier versions did not
+// record which.
+static char *recorded_interval(const json_t *stored)
+{
+    const json_t *every = json_object_get(stored, "checkpoint_every"),
+                 *given = json_object_get(stored, "checkpoint_every_given");
+    const bool was_given = given ? json_is_true(given) : json_integer_value(every) != 1000;
+    return every && was_given ? option_text(every) : NULL;
+}
+
+// Fills the options of the output, whose effect a run keeps. The path of the weights belongs to
+// `stored`.
+static bool recall_output(const command_line *line, const char *config_path, const json_t *stored,
+                          const train_values *values)
+{
+    const json_t *list = json_object_get(stored, "save_at");
+    const char *lpips = json_string_value(json_object_get(stored, "lpips")),
+               *input = json_string_value(json_object_get(stored, "lpips_input"));
+    char *save_at = json_array_size(list) ? option_text(list) : NULL,
+         *every = recorded_interval(stored);
+    fail_usage_within(config_path);
+    const bool filled = (!save_at || option_fill(line, "save-at", save_at)) &&
+                        (!every || option_fill(line, "checkpoint-every", every)) &&
+                        (!lpips || option_fill(line, "lpips", lpips)) &&
+                        (!lpips || !input || option_fill(line, "lpips-input", input));
+    fail_usage_within(NULL);
+    free(save_at);
+    free(every);
+    if (!filled || !lpips || values->lpips != lpips || file_exists(lpips))
+        return filled;
+    fail_run("%s: the LPIPS weights of the run, %s, do not exist; specify their file with "
+             "--lpips FILE",
+             config_path, lpips);
+    return false;
+}
+
 bool train_config_recall(const command_line *line, const char *config_path, const json_t *stored,
                          train_values *values, scene_values *scene)
 {
@@ -291,6 +329,7 @@ bool train_config_recall(const command_line *line, const char *config_path, cons
     for (size_t i = 0; i < count && filled; ++i)
         filled = recall(line, stored, rows[i].name, values);
     fail_usage_within(NULL);
+    filled = filled && recall_output(line, config_path, stored, values);
     if (!filled || scene_resolve(scene, line, stored) >= 0)
         return false;
     // Earlier versions recorded a measured white point with 9 digits only: it is measured again.

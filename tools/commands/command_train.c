@@ -197,6 +197,8 @@ static json_t *config_of(const training *run)
 {
     json_t *config = train_config(run->scene_path, &run->values, &run->data, &run->common);
     const double limit = run->values.time_limit;
+    json_object_set_new(config, "checkpoint_every_given",
+                        json_boolean(option_set(run->line, "checkpoint-every")));
     json_object_set_new(config, "image_cache", json_integer((json_int_t)run->data.cache_bytes));
     json_object_set_new(config, "max_memory", json_integer((json_int_t)run->values.max_memory));
     json_object_set_new(config, "time_limit", limit >= 0 ? json_number(limit) : json_null());

@@ -33,6 +33,8 @@ for method in lightgaussian sog mesongs ghap fcgs-like; do
         json "$temporary/$method.json" ".bytes == $(stat -c %s "$file") and (.bytes_per_gaussian * $primitives - .bytes | fabs) < 1"
         run 0 decompress "$file" -o "$temporary/1.ply" --threads 1 --json
         json "$temporary/stdout" ".gaussians == $(jq .gaussians "$temporary/$method.json") and .method == \"$method\""
+        json "$temporary/stdout" ".file == \"$temporary/1.ply\" and .bytes == $(stat -c %s "$temporary/1.ply") and .input_bytes == $(stat -c %s "$file")"
+        json "$temporary/stdout" '(.bytes_per_gaussian * .gaussians - .bytes | fabs) < 1'
         run 0 decompress "$file" -o "$temporary/2.ply" --threads 2 --isa baseline
         check decodes_to_the_same_bytes cmp "$temporary/1.ply" "$temporary/2.ply"
         run 0 info "$temporary/1.ply" --json

@@ -38,7 +38,7 @@ static const option decompress_options[] = {
 // Writes the model in the format of the name, with what the compressed file records about it. False
 // after printing the error or after a signal.
 static bool write_model(const char *path, sgs_model_format format, const sgs_gaussians *model,
-                        const sgs_compress_info *info)
+                        const sgs_compress_info *info, sgs_model_written *written)
 {
     sgs_model_write_options options = sgs_model_write_options_default();
     options.progress = model_show_encoding;
@@ -48,7 +48,7 @@ static bool write_model(const char *path, sgs_model_format format, const sgs_gau
     if (!make_folder_of(path))
         return false;
     progress_work_start();
-    const sgs_status status = sgs_model_write(path, model, &options, NULL);
+    const sgs_status status = sgs_model_write(path, model, &options, written);
     progress_end();
     if (status && status != SGS_STATUS_CANCELLED)
         fail_library();
@@ -59,10 +59,11 @@ static int decompress_file(const char *path, const char *output, sgs_model_forma
 {
     sgs_gaussians *model = NULL;
     sgs_compress_info info;
+    sgs_model_written written = {0};
     const double start = clock_seconds();
     if (sgs_decompress(path, &model, &info))
         return fail_library();
-    const bool done = !interrupt_signal() && write_model(output, format, model, &info);
+    const bool done = !interrupt_signal() && write_model(output, format, model, &info, &written);
     sgs_gaussians_destroy(model);
     if (interrupt_signal())
         return interrupt_status();
@@ -78,7 +79,10 @@ static int decompress_file(const char *path, const char *output, sgs_model_forma
     json_object_set_new(root, "method", json_string(sgs_compress_method_name(info.method)));
     json_object_set_new(root, "input", json_integer((json_int_t)info.input));
     json_object_set_new(root, "gaussians", json_integer((json_int_t)info.gaussians));
-    json_object_set_new(root, "bytes", json_integer((json_int_t)info.bytes));
+    json_object_set_new(root, "bytes", json_integer((json_int_t)written.bytes));
+    json_object_set_new(root, "bytes_per_gaussian",
+                        json_number((double)written.bytes / (double)info.gaussians));
+    json_object_set_new(root, "input_bytes", json_integer((json_int_t)info.bytes));
     json_object_set_new(root, "seconds", json_number(clock_seconds() - start));
     return print_json(root) ? EXIT_DONE : EXIT_FAILED;
 }

@@ -30,7 +30,8 @@ for method in lightgaussian sog mesongs ghap fcgs-like; do
             *) check no_option_is_idle bash -c "! grep 'has no effect' '$temporary/stderr'" ;;
         esac
         json "$temporary/$method.json" ".method == \"$method\" and .input == $primitives and .gaussians <= .input"
-        json "$temporary/$method.json" ".bytes == $(stat -c %s "$file") and (.bytes_per_gaussian * $primitives - .bytes | fabs) < 1"
+        json "$temporary/$method.json" ".bytes == $(stat -c %s "$file") and (.bytes_per_gaussian * .gaussians - .bytes | fabs) < 1"
+        json "$temporary/$method.json" "(.bytes_per_input_gaussian * $primitives - .bytes | fabs) < 1"
         run 0 decompress "$file" -o "$temporary/1.ply" --threads 1 --json
         json "$temporary/stdout" ".gaussians == $(jq .gaussians "$temporary/$method.json") and .method == \"$method\""
         json "$temporary/stdout" ".file == \"$temporary/1.ply\" and .bytes == $(stat -c %s "$temporary/1.ply") and .input_bytes == $(stat -c %s "$file")"
@@ -92,6 +93,8 @@ for method in ghap mesongs lightgaussian; do
 done
 run 0 compress "$model" -o "$temporary/kept" --method ghap --preset spare-2 --keep 0.5 --quiet
 reports "--preset has no effect with --keep, the only value that it sets"
+run 0 compress "$model" -o "$temporary/kept" --method ghap --keep 0.5 --quiet --json
+json "$temporary/stdout" '.gaussians < .input and .bytes_per_gaussian > 1.5 * .bytes_per_input_gaussian'
 for method in lightgaussian mesongs; do
     run 2 compress "$model" -o "$temporary/none" --method $method --keep 0.5
     reports "--keep: the importance of primitives requires a scene; add the argument SCENE"

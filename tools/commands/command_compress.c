@@ -281,6 +281,8 @@ static json_t *info_json(const sgs_compress_info *info, double seconds)
     json_object_set_new(root, "gaussians", json_integer((json_int_t)info->gaussians));
     json_object_set_new(root, "bytes", json_integer((json_int_t)info->bytes));
     json_object_set_new(root, "bytes_per_gaussian",
+                        json_number((double)info->bytes / (double)info->gaussians));
+    json_object_set_new(root, "bytes_per_input_gaussian",
                         json_number((double)info->bytes / (double)info->input));
     json_object_set_new(root, "seconds", json_number(seconds));
     return root;

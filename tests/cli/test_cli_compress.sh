@@ -174,8 +174,8 @@ one_line
 run 2 decompress "$temporary/ghap.1"
 reports "decompress requires -o OUT.ply"
 one_line
-run 1 compress "$model" -o "$temporary/none" --method fcgs
-reports "use fcgs-like"
+run 2 compress "$temporary/nowhere" -o "$temporary/none" --method fcgs # before MODEL is read
+reports "--method fcgs: FCGS requires its trained network, which sparegs does not contain; use --method fcgs-like"
 one_line
 run 0 compress --help --json
 json "$temporary/stdout" '.options[] | select(.name == "method") | .argument == "lightgaussian|sog|mesongs|ghap|fcgs-like"'

@@ -348,6 +348,10 @@ static int check_values(const command_line *line, const compress_values *values)
     const bool has_scene = line->operand_count > 1;
     if (!values->output)
         return fail_usage("compress requires -o FILE");
+    if (values->method == SGS_COMPRESS_FCGS)
+        return fail_usage("--method fcgs: FCGS requires its trained network, which sparegs does "
+                          "not contain; use --method fcgs-like, a codec of the same structure with "
+                          "fitted probabilities");
     if (!has_scene && values->finetune > 0)
         return fail_usage("--finetune: fine-tuning requires a scene; add the argument SCENE");
     if (!has_scene && values->distill)

@@ -389,6 +389,10 @@ SGS_API sgs_status sgs_trainer_hash(sgs_trainer *trainer, char hex[17]);
 SGS_API sgs_status sgs_trainer_write_ply(sgs_trainer *trainer, const char *path);
 // The same as sgs_ply_write_filter_3d. Fails with INVALID_ARGUMENT without a 3D filter.
 SGS_API sgs_status sgs_trainer_write_ply_filter_3d(sgs_trainer *trainer, const char *path);
+// Writes the centres of the model and its colours of degree 0, limited to [0, 1], as
+// sgs_ply_write_points: the input.ply of a run that starts from options.init. Collective, as
+// sgs_trainer_write_ply.
+SGS_API sgs_status sgs_trainer_write_points(sgs_trainer *trainer, const char *path);
 // With several ranks, makes the two functions below return the whole model on rank 0, until the
 // next step, and the rows of the rank on others; without, it does nothing. Fails with
 // OUT_OF_MEMORY. Collective.

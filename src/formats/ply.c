@@ -20,6 +20,7 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "base/sh.h"
 #include "formats/color_marks.h"
 #include "formats/model_format.h"
 #include "formats/model_rows.h"
@@ -474,14 +475,35 @@ typedef struct row_writer {
     const float *points;
     const unsigned char *colors;
     size_t count;
+    bool base_colors;        // of the model, only centres and base colours
     const float *filter_3d;  // the last column, or NULL
     int params[MAX_COLUMNS]; // parameter of each column, -1 for a normal's 0
     int column_count;
 } row_writer;
 
+// The colour of degree 0 as 8 bits.
+static uint8_t base_color(const sgs_gaussians *model, size_t row, int channel)
+{
+    const float coefficient = *sgs_gaussians_at(model, row, SGS_PARAM_SH_DC + channel);
+    const double color = 0.5 + SGSI_SH_C0 * (double)coefficient;
+    return (uint8_t)(255.0 * fmin(fmax(color, 0.0), 1.0) + 0.5);
+}
+
+static uint8_t *put_point(const row_writer *writer, size_t row, uint8_t *at)
+{
+    const sgs_gaussians *model = writer->model;
+    for (size_t k = 0; k < 6; ++k)
+        at = put_float(at, k >= 3  ? 0.0f
+                           : model ? *sgs_gaussians_at(model, row, SGS_PARAM_MEAN + (int)k)
+                                   : writer->points[3 * row + k]);
+    for (size_t k = 0; k < 3; ++k)
+        *at++ = model ? base_color(model, row, (int)k) : writer->colors[3 * row + k];
+    return at;
+}
+
 static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
 {
-    if (writer->model) {
+    if (writer->model && !writer->base_colors) {
         for (int k = 0; k < writer->column_count; ++k)
             at = put_float(at, writer->params[k] < 0 ? 0.0f
                                : writer->params[k] == SGS_PARAM_OPACITY
@@ -489,11 +511,7 @@ static uint8_t *put_row(const row_writer *writer, size_t row, uint8_t *at)
                                    : *sgs_gaussians_at(writer->model, row, writer->params[k]));
         return writer->filter_3d ? put_float(at, writer->filter_3d[row]) : at;
     }
-    for (size_t k = 0; k < 6; ++k)
-        at = put_float(at, k < 3 ? writer->points[3 * row + k] : 0.0f);
-    for (size_t k = 0; k < 3; ++k)
-        *at++ = writer->colors[3 * row + k];
-    return at;
+    return put_point(writer, row, at);
 }
 
 static sgs_status write_rows(const row_writer *writer, const sgs_output_file *file)
@@ -531,6 +549,15 @@ static void add_written(row_writer *writer, FILE *stream, const char *prefix, in
     writer->params[writer->column_count++] = param;
 }
 
+static void write_points_header(FILE *stream, size_t count)
+{
+    fprintf(stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", count);
+    fputs("property float x\nproperty float y\nproperty float z\n"
+          "property float nx\nproperty float ny\nproperty float nz\n"
+          "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+          stream);
+}
+
 // Opens the file and writes the header for `count` rows of models like this one.
 static sgs_status begin_model(const char *path, const sgs_gaussians *model, size_t count,
                               const sgsi_ply_contents *contents, row_writer *writer,
@@ -541,7 +568,12 @@ static sgs_status begin_model(const char *path, const sgs_gaussians *model, size
         status = sgs_output_file_open(file, path);
     if (status)
         return status;
-    *writer = (row_writer){.model = model, .count = model->count};
+    *writer = (row_writer){
+        .model = model, .count = model->count, .base_colors = contents->kind == SGSI_PLY_POINTS};
+    if (writer->base_colors) {
+        write_points_header(file->stream, count);
+        return SGS_STATUS_OK;
+    }
     fprintf(file->stream, "ply\nformat binary_little_endian 1.0\n%s",
             contents->kind == SGSI_PLY_ANTIALIASED ? "comment SplatRenderMode: mip\n" : "");
     sgsi_color_comments_write(file->stream, &contents->colors);
@@ -647,10 +679,6 @@ sgs_status sgs_ply_write_points(const char *path, const float *points, const uns
     if (status)
         return status;
     const row_writer writer = {.points = points, .colors = colors, .count = n};
-    fprintf(file.stream, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", n);
-    fputs("property float x\nproperty float y\nproperty float z\n"
-          "property float nx\nproperty float ny\nproperty float nz\n"
-          "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
-          file.stream);
+    write_points_header(file.stream, n);
     return write_file(&writer, &file);
 }

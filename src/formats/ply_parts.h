@@ -14,7 +14,8 @@ typedef struct sgsi_ply_parts sgsi_ply_parts;
 typedef enum sgsi_ply_kind {
     SGSI_PLY_PLAIN,
     SGSI_PLY_ANTIALIASED, // with the comment of models trained with Mip-Splatting's filters
-    SGSI_PLY_FILTER_3D    // with a column filter_3D, as sgs_ply_write_filter_3d
+    SGSI_PLY_FILTER_3D,   // with a column filter_3D, as sgs_ply_write_filter_3d
+    SGSI_PLY_POINTS       // centres and base colours, as sgs_ply_write_points
 } sgsi_ply_kind;
 
 typedef struct sgsi_ply_contents {

@@ -343,3 +343,8 @@ sgs_status sgs_trainer_write_ply_filter_3d(sgs_trainer *trainer, const char *pat
                ? write_filtered(trainer, path, SGSI_PLY_FILTER_3D)
                : sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: the model has no 3D filter", path);
 }
+
+sgs_status sgs_trainer_write_points(sgs_trainer *trainer, const char *path)
+{
+    return write_parts(trainer, path, SGSI_PLY_POINTS, NULL);
+}

@@ -157,6 +157,31 @@ json "$temporary/capped/summary.json" '.gaussians <= 500'
 # init_starts_from_a_model
 run 0 train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --init "$temporary/capped" --quiet
 json "$temporary/refined/summary.json" '.gaussians <= 500'
+# input_ply_has_the_centres_and_base_colours_of_the_model: 0.5 + 0.28209479 f_dc (Kerbl et al. 2023), in 8 bits
+check input_ply_shows_the_model python3 - "$temporary/capped/point_cloud/iteration_3/point_cloud.ply" "$temporary/refined/input.ply" <<'PYTHON'
+import struct, sys
+def rows(path, form):
+    header, body = open(path, "rb").read().split(b"end_header\n", 1)
+    count = int(header.split(b"element vertex ")[1].split()[0])
+    assert len(body) == count * struct.calcsize(form), (count, len(body))
+    return header, list(struct.iter_unpack(form, body))
+_, model = rows(sys.argv[1], "<62f")
+header, cloud = rows(sys.argv[2], "<6f3B")
+assert b"property float x" in header and b"property uchar blue" in header
+key = lambda row: row[:3]
+model.sort(key=key)
+cloud.sort(key=key)
+assert 0 < len(model) == len(cloud)
+assert len({row[6:] for row in cloud}) > 50
+for was, now in zip(model, cloud):
+    assert was[:3] == now[:3] and now[3:6] == (0, 0, 0), (was[:3], now)
+    for c in range(3):
+        colour = 255 * min(max(0.5 + 0.28209479177387814 * was[6 + c], 0), 1)
+        assert abs(colour - now[6 + c]) <= 0.501, (colour, now)
+PYTHON
+cp "$temporary/refined/input.ply" "$temporary/input.ply"
+run 0 train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --init "$temporary/capped" --quiet --resume
+check resume_keeps_it cmp "$temporary/input.ply" "$temporary/refined/input.ply"
 # resume_accepts_the_same_model_under_another_path
 resume_refined() { run "$1" train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --resume --quiet --init "$2"; }
 mv "$temporary/capped" "$temporary/kept"

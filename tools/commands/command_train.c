@@ -249,6 +249,8 @@ static bool open_folder(training *run)
     bool ready =
         group_all(found >= 0) && run_folder_load_shared(run->trainer, run->checkpoint, found);
     ready = group_all(ready && (!group_leads() || open_own_folder(run, config, found == 1)));
+    if (ready && run->values.init && !sgs_trainer_iteration(run->trainer))
+        ready = group_all(run_folder_share_cloud(&run->folder, run->trainer));
     run->train_seconds = ready ? sgs_trainer_seconds(run->trainer).total : 0;
     json_decref(config);
     free(config_path);

@@ -707,6 +707,14 @@ static bool saved_too(bool before, sgs_status status)
     return before && !status;
 }
 
+bool run_folder_share_cloud(const run_folder *folder, sgs_trainer *trainer)
+{
+    char *path = format_text("%s/input.ply", folder->path);
+    const bool saved = saved_too(true, sgs_trainer_write_points(trainer, path));
+    free(path);
+    return saved;
+}
+
 bool run_folder_share_trained(run_folder *folder, const sgs_scene *scene, sgs_trainer *trainer,
                               int iteration)
 {

@@ -60,10 +60,10 @@ bool run_folder_has_results(const run_folder *folder);
 // updates after `structure_iteration`.
 bool run_folder_open_tables(run_folder *folder, int iteration, int structure_iteration);
 void run_folder_close_tables(run_folder *folder);
-// Writes cameras.json, input.ply unless the trainer started from a model, and then config.json,
-// which marks OUT as a run. From then on, the functions that save write these files again, and new
-// tables, if OUT was moved or removed: otherwise the new OUT would be no run. The scene is borrowed
-// until run_folder_unmark.
+// Writes cameras.json, input.ply unless the trainer started from a model (run_folder_share_cloud),
+// and then config.json, which marks OUT as a run. From then on, the functions that save write these
+// files again, and new tables, if OUT was moved or removed: otherwise the new OUT would be no run.
+// The scene is borrowed until run_folder_unmark.
 bool run_folder_mark(run_folder *folder, const sgs_scene *scene, const sgs_trainer *trainer,
                      json_t *config);
 // Releases the config; at the end of the run.
@@ -77,6 +77,9 @@ void run_folder_record(run_folder *folder, const sgs_step_info *info, double sec
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
                            const sgs_model_write_options *options);
 
+// On all ranks; only rank 0 writes: input.ply of a trainer that started from a model and has made
+// no step.
+bool run_folder_share_cloud(const run_folder *folder, sgs_trainer *trainer);
 // These two on all ranks; only rank 0 writes. The first saves the model of a trainer in parts;
 // Mip-Splatting's 3D filter is fused into it and also saved separately; the colour maps of
 // --exposure are those of the saved model. The second writes OUT/checkpoint/state.bin and keeps the

@@ -157,6 +157,27 @@ json "$temporary/capped/summary.json" '.gaussians <= 500'
 # init_starts_from_a_model
 run 0 train "$room" --downscale 8 -o "$temporary/refined" --iterations 1 --init "$temporary/capped" --quiet
 json "$temporary/refined/summary.json" '.gaussians <= 500'
+# options_without_effect_on_a_trained_model_are_named
+finetune() { run "$1" train "$room" --downscale 8 -o "$temporary/idle" --iterations 1 --init "$temporary/capped" --schedule finetune --overwrite "${@:2}"; }
+for option in "--spare-grid 8" "--spare-range 0.1" "--spare-tau-alpha 0.1" "--pipeline dash --dash-count 9" "--pipeline taming --taming-count 9" \
+    "--pipeline taming --taming-multiplier 2" "--pipeline fastgs --fastgs-loss 0.2" "--pipeline fastgs --fastgs-gradient 0.2" \
+    "--pipeline fastgs --fastgs-dense 0.2" "--pipeline mcmc --mcmc-growth 0.1" "--pipeline mcmc --mcmc-redundant relocate"; do
+    # shellcheck disable=SC2086 # options and values
+    finetune 2 $option
+    reports "requires --schedule scaled or --schedule paper"
+    one_line
+done
+for option in mcmc-start-scale mcmc-start-opacity; do
+    run 2 train "$room" --downscale 8 -o "$temporary/idle" --iterations 1 --init "$temporary/capped" --pipeline mcmc --$option 0.5
+    reports "--$option has no effect with --init"
+    one_line
+done
+finetune 0 --pipeline mcmc --mcmc-noise 1 --mcmc-opacity-loss 0 --mcmc-units world --spare-eps-loss 0.1 --spare-interval 10
+check these_have_an_effect bash -c "! grep -q 'has no effect' '$temporary/stderr'"
+finetune 0 --spare bmd,rap --quiet
+reports "warning: --spare has no effect with --schedule finetune unless it contains edt"
+finetune 0 --spare off --quiet
+check off_is_no_mistake test ! -s "$temporary/stderr"
 # input_ply_has_the_centres_and_base_colours_of_the_model: 0.5 + 0.28209479 f_dc (Kerbl et al. 2023), in 8 bits
 check input_ply_shows_the_model python3 - "$temporary/capped/point_cloud/iteration_3/point_cloud.ply" "$temporary/refined/input.ply" <<'PYTHON'
 import struct, sys

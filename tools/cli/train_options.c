@@ -164,8 +164,21 @@ static void add_condition(char text[MAX_TEXT], const char *name, unsigned bits)
     }
 }
 
-// option.needs of a row: the pipelines and the parts of SPARE-GS that read it.
-static const char *conditions_of(const sgs_train_option *from, char text[MAX_TEXT])
+// True for options of the structural updates, which the schedule finetune does not make. It still
+// tests for equilibrium.
+static bool is_of_updates(const sgs_train_option *from)
+{
+    static const char *const names[] = {"taming_multiplier", "taming_count",    "dash_count",
+                                        "fastgs_loss",       "fastgs_gradient", "fastgs_dense",
+                                        "mcmc_growth"};
+    bool is = from->spare && !(from->spare & SGS_SPARE_EDT);
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k)
+        is = is || !strcmp(from->name, names[k]);
+    return is;
+}
+
+// option.needs of a row: the pipelines, parts of SPARE-GS and schedules that read it.
+static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MOST])
 {
     const unsigned all = (1U << SGS_PIPELINE_COUNT) - 1;
     *text = 0;
@@ -173,6 +186,8 @@ static const char *conditions_of(const sgs_train_option *from, char text[MAX_TEX
         add_condition(text, "pipeline", from->pipelines);
     if (from->spare)
         add_condition(text, "spare", from->spare);
+    if (is_of_updates(from))
+        add_condition(text, "schedule", 1U << SGS_SCHEDULE_SCALED | 1U << SGS_SCHEDULE_PAPER);
     if (!strcmp(from->name, "alpha_loss"))
         snprintf(text, MAX_TEXT, "alpha=over|opaque");
     if (from->type == SGS_OPTION_BOX)
@@ -385,7 +400,8 @@ int train_values_check(const train_values *values, const command_line *line)
                           o->iterations);
     if (o->ssim_weight == 0.0 && refuse_idle(line, "ssim-sigma", "with --ssim-weight 0") >= 0)
         return EXIT_USAGE;
-    if (values->init && refuse_idle(line, "random-points", "with --init") >= 0)
+    if (values->init &&
+        refuse_idle(line, "random-points|mcmc-start-opacity|mcmc-start-scale", "with --init") >= 0)
         return EXIT_USAGE;
     if (o->pipeline_options.taming_count)
         return refuse_idle(line, "taming-multiplier", "with --taming-count");
@@ -399,6 +415,8 @@ void train_warn_idle(const train_values *values, const command_line *line)
         warn_idle(line, "spare-range", "with --spare-phi product or plain");
     if (!(o->spare_demand & SGS_DEMAND_C))
         warn_idle(line, "spare-capacity-min|spare-capacity-max", "on a --spare-demand without c");
+    if (o->schedule == SGS_SCHEDULE_FINETUNE && o->spare && !(o->spare & SGS_SPARE_EDT))
+        warn_idle(line, "spare", "with --schedule finetune unless it contains edt");
     if (o->schedule == SGS_SCHEDULE_FINETUNE && !values->init)
         print_warning("--schedule finetune is for a trained model: without --init, no primitives "
                       "are added to the point cloud, and its points barely move");

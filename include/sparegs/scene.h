@@ -159,6 +159,9 @@ typedef struct sgs_scene {
     // Bytes for decoding the largest photo, 0 with cameras_only; options.decode_memory, or its
     // default. Both are 0 after sgs_scene_create, which decodes nothing.
     size_t decode_bytes, decode_limit;
+    // Largest ratio of the width of an image file to the width in use, >= 1: options.downscale, or
+    // what the automatic reduction did.
+    double reduction;
 } sgs_scene;
 
 // Loads a scene; release it with sgs_scene_destroy. options NULL = the defaults. Missing or

@@ -420,6 +420,7 @@ typedef struct sgs_train_milestones {
     double ssim_weight;      // of 1 - SSIM in the loss
     double ssim_sigma;       // of its window, pixels
     sgs_optimizer optimizer; // SPARSE or DENSE
+    size_t max_gaussians;    // the option, or the pipeline's own limit; 0 = none
 } sgs_train_milestones;
 SGS_API sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer);
 SGS_API sgs_regions sgs_trainer_regions(const sgs_trainer *trainer);

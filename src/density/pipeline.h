@@ -67,6 +67,8 @@ typedef struct sgsi_pipeline {
                          sgsi_density_result *result);
     // NULL = 3DGS's: no noise, no regularisers, opacity 0.1.
     sgsi_sampling (*sampling)(const sgs_train_options *train, double extent);
+    // Largest number of primitives, given option max_gaussians; NULL = the option.
+    size_t (*limit)(size_t max_count, size_t initial);
     sgsi_late_opacity (*late_opacity)(const sgs_train_options *train); // NULL = trained
     // Number of views that are rendered for scores before every update; 0 = none. pixel_weights
     // fills weights [height][stride]; score_view adds a view to the scores (initially 0);

@@ -63,15 +63,18 @@ typedef struct chain_update {
     size_t draws;
 } chain_update;
 
+static size_t limit(size_t max_count, size_t initial)
+{
+    const size_t own = CAP_OF_INITIAL * initial < CAP_MOST ? CAP_OF_INITIAL * initial : CAP_MOST;
+    if (max_count)
+        return max_count;
+    return own > initial ? own : initial;
+}
+
 static size_t cap_of(const sgsi_density_options *options)
 {
-    const size_t initial = (size_t)options->state->initial_count,
-                 deleted = (size_t)options->state->deleted;
-    size_t cap = options->max_count;
-    if (!cap) {
-        cap = CAP_OF_INITIAL * initial < MAX_CAP ? CAP_OF_INITIAL * initial : MAX_CAP;
-        cap = cap > initial ? cap : initial;
-    }
+    const size_t deleted = (size_t)options->state->deleted,
+                 cap = limit(options->max_count, (size_t)options->state->initial_count);
     return cap > deleted ? cap - deleted : 0;
 }
 
@@ -313,4 +316,5 @@ const sgsi_pipeline sgsi_pipeline_mcmc = {.name = "mcmc",
                                           .lr_rest = 1.25e-4f,
                                           .relocates = true,
                                           .decide = decide,
-                                          .sampling = sampling};
+                                          .sampling = sampling,
+                                          .limit = limit};

@@ -66,6 +66,7 @@ static sgs_status load(sgsi_scene_loader *l)
     scene->space = l->options->space;
     scene->alpha = l->options->alpha;
     scene->white_point = 1;
+    scene->reduction = 1;
     scene->point_count = l->dataset.point_count;
     scene->points = l->dataset.points;
     scene->colors = l->dataset.colors;

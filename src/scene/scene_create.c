@@ -373,6 +373,7 @@ static sgs_status create(creator *c, const sgs_view_source *views, size_t view_c
     const bool selects = c->options.test_every || c->options.test_images || c->options.held_out;
     scene->format = SGS_SCENE_MEMORY;
     scene->space = c->options.space;
+    scene->reduction = 1;
     scene->alpha = c->options.alpha;
     scene->path = sgsi_strdup(path);
     scene->model_path = sgsi_strdup(path);

@@ -256,6 +256,8 @@ static void keep_view(sgsi_scene_loader *l, size_t i, size_t to, view_tally *tal
     }
     if (!has_camera_aspect(l, i) && tally->mismatched++ == 0)
         tally->first_mismatched = view->name;
+    if (s->width > 0 && s->file_width > scene->reduction * s->width)
+        scene->reduction = (double)s->file_width / s->width;
     tally->downscaled |= l->options->downscale == 0 && s->width != s->file_width;
     scene->has_alpha |= s->channels == 4;
     scene->masks += view->mask_path != NULL;

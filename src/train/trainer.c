@@ -711,21 +711,26 @@ sgs_train_milestones sgs_trainer_milestones(const sgs_trainer *trainer)
     const bool grows = sgsi_schedule_first_update(schedule) > 0,
                resets = sgsi_schedule_is_reset(schedule, schedule->reset_interval),
                halves = trainer->progress.resolution && !trainer->pipeline->small_images;
-    return (sgs_train_milestones){.densify_from = grows ? schedule->densify_from : 0,
-                                  .densify_until = grows ? schedule->densify_until : 0,
-                                  .densify_interval = grows ? schedule->densify_interval : 0,
-                                  .reset_interval = resets ? schedule->reset_interval : 0,
-                                  .thin_until = grows ? schedule->thin_until : 0,
-                                  .half_size_until = halves ? schedule->half_size_until : 0,
-                                  .sh_interval = sh_interval(trainer),
-                                  .gradient_factor = schedule->threshold_factor,
-                                  .shape_factor = schedule->lr_shape,
-                                  .sh_factor = schedule->lr_sh,
-                                  .opacity_factor = schedule->lr_opacity,
-                                  .ssim_weight = schedule->ssim_weight,
-                                  .ssim_sigma = schedule->ssim_sigma,
-                                  .optimizer =
-                                      schedule->dense ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE};
+    const size_t limit = trainer->options.max_gaussians,
+                 initial = (size_t)trainer->progress.pipeline.initial_count;
+    const bool limits =
+        trainer->pipeline->limit && trainer->options.schedule != SGS_SCHEDULE_FINETUNE;
+    return (sgs_train_milestones){
+        .densify_from = grows ? schedule->densify_from : 0,
+        .densify_until = grows ? schedule->densify_until : 0,
+        .densify_interval = grows ? schedule->densify_interval : 0,
+        .reset_interval = resets ? schedule->reset_interval : 0,
+        .thin_until = grows ? schedule->thin_until : 0,
+        .half_size_until = halves ? schedule->half_size_until : 0,
+        .sh_interval = sh_interval(trainer),
+        .gradient_factor = schedule->threshold_factor,
+        .shape_factor = schedule->lr_shape,
+        .sh_factor = schedule->lr_sh,
+        .opacity_factor = schedule->lr_opacity,
+        .ssim_weight = schedule->ssim_weight,
+        .ssim_sigma = schedule->ssim_sigma,
+        .optimizer = schedule->dense ? SGS_OPTIMIZER_DENSE : SGS_OPTIMIZER_SPARSE,
+        .max_gaussians = limits ? trainer->pipeline->limit(limit, initial) : limit};
 }
 
 sgs_train_seconds sgs_trainer_seconds(const sgs_trainer *trainer)

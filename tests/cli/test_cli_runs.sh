@@ -50,6 +50,10 @@ milestones '.ssim_weight == 0.6 and .half_size_until == 0' --ssim-weight 0.6
 published='.reset_interval == 3000 and .gradient_factor == 1 and .shape_factor == 1 and .sh_factor == 1 and .sh_interval == 1000'
 milestones "$published and [.densify_from, .densify_until, .densify_interval] == [500, 15000, 100]" --schedule paper
 milestones '.reset_interval == 0 and .optimizer == "dense" and .densify_until == 25000' --pipeline mcmc --schedule paper
+milestones '.max_gaussians == 57400 and .image_reduction == 8' --pipeline mcmc # ten times the 5740 points
+milestones '.max_gaussians == 900' --pipeline mcmc --max-gaussians 900
+milestones '.max_gaussians == 0' --pipeline 3dgs
+json "$temporary/milestones/config.json" '[.trace, .view, .view_share, .lpips] == [null, null, null, null]'
 milestones '.densify_from == 0 and .densify_until == 0 and .densify_interval == 0 and .sh_interval == 0' --schedule finetune \
     --init "$out"
 check finetuning_a_model_causes_no_warning bash -c "! grep -q warning '$temporary/stderr'"

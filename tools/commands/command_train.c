@@ -202,9 +202,13 @@ static json_t *config_of(const training *run)
     json_object_set_new(config, "image_cache", json_integer((json_int_t)run->data.cache_bytes));
     json_object_set_new(config, "max_memory", json_integer((json_int_t)run->values.max_memory));
     json_object_set_new(config, "time_limit", limit >= 0 ? json_number(limit) : json_null());
+    json_object_set_new(config, "trace", json_text(run->values.trace));
+    json_object_set_new(config, "view", json_text(run->values.view));
+    json_object_set_new(config, "view_share",
+                        run->values.view ? json_number(run->values.view_share) : json_null());
     json_object_set_new(config, "near_distance",
                         json_number(sgs_near_distance(run->scene->extent)));
-    run_record_milestones(config, run->trainer);
+    run_record_milestones(config, run->trainer, run->scene);
     run_record_split(config, run->scene);
     if (run->values.init)
         json_object_set_new(config, "init_hash", json_string(run->init_hash));

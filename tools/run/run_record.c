@@ -26,7 +26,7 @@ void run_record_split(json_t *config, const sgs_scene *scene)
     json_decref(list);
 }
 
-void run_record_milestones(json_t *config, const sgs_trainer *trainer)
+void run_record_milestones(json_t *config, const sgs_trainer *trainer, const sgs_scene *scene)
 {
     const sgs_train_milestones m = sgs_trainer_milestones(trainer);
     json_t *json =
@@ -42,6 +42,8 @@ void run_record_milestones(json_t *config, const sgs_trainer *trainer)
     json_object_set_new(json, "ssim_sigma", json_number(m.ssim_sigma));
     json_object_set_new(json, "optimizer",
                         json_string(m.optimizer == SGS_OPTIMIZER_DENSE ? "dense" : "sparse"));
+    json_object_set_new(json, "max_gaussians", json_integer((json_int_t)m.max_gaussians));
+    json_object_set_new(json, "image_reduction", json_number(scene->reduction));
     json_object_set_new(config, "milestones", json);
 }
 

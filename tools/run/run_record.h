@@ -17,7 +17,7 @@
 void run_record_split(json_t *config, const sgs_scene *scene);
 
 // Adds the settings that follow from the options and the photos as "milestones".
-void run_record_milestones(json_t *config, const sgs_trainer *trainer);
+void run_record_milestones(json_t *config, const sgs_trainer *trainer, const sgs_scene *scene);
 
 // True if the scene still has every held-out image of the config, or the config has no list.
 // False after printing the error.

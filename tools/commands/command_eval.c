@@ -192,7 +192,7 @@ static image_choice choose_images(const model_path *located, const sgs_scene *sc
 }
 
 static void print_means(const evaluator *evaluation, const image_choice *images,
-                        const split_score *mean)
+                        const split_score *mean, const model_size *size)
 {
     const size_t trained = images->trained;
     char *kind =
@@ -202,6 +202,7 @@ static void print_means(const evaluator *evaluation, const image_choice *images,
             : format_text("%zu training images, %zu held out", trained, images->count - trained);
     char sharpness[SHARPNESS_TEXT];
     print_row(evaluation, "mean", &mean->mean);
+    printf("%zu primitives, %.3g s per image\n", size->gaussians, mean->mean.seconds);
     printf("PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s", mean->mean.psnr, mean->mean.ssim,
            mean->mean.flip, sharpness_format(sharpness, mean->mean.sharpness, 0, 3));
     if (evaluation->lpips)
@@ -236,6 +237,7 @@ static bool print_scores_json(const evaluator *evaluation, const image_choice *i
     view_score_add_json(means, &mean->mean);
     json_object_set_new(means, "identical", json_integer((json_int_t)mean->identical));
     json_object_set_new(root, "mean", means);
+    json_object_set_new(root, "seconds_per_image", json_number(mean->mean.seconds));
     return print_json(root);
 }
 
@@ -284,7 +286,7 @@ static bool evaluate_all(evaluator *evaluation, const image_choice *images, cons
     split_score_finish(&sum);
     if (json)
         return print_scores_json(evaluation, images, &sum, size, list);
-    print_means(evaluation, images, &sum);
+    print_means(evaluation, images, &sum, size);
     return true;
 }
 

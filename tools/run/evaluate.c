@@ -231,7 +231,12 @@ static bool score_frame(evaluator *evaluation, const sgs_view *view, view_score 
 bool evaluate_view(evaluator *evaluation, const sgs_view *view, view_score *score,
                    view_images *images)
 {
-    return draw(evaluation, view) && score_frame(evaluation, view, score, images);
+    const double start = clock_seconds();
+    const bool drawn = draw(evaluation, view);
+    const double seconds = clock_seconds() - start;
+    const bool done = drawn && score_frame(evaluation, view, score, images);
+    score->seconds = seconds;
+    return done;
 }
 
 void split_score_add(split_score *sum, const sgs_view *view, const view_score *score)
@@ -247,6 +252,7 @@ void split_score_add(split_score *sum, const sgs_view *view, const view_score *s
     sum->mean.ssim += score->ssim;
     sum->mean.flip += score->flip;
     sum->mean.lpips += score->lpips;
+    sum->mean.seconds += score->seconds;
     if (!isnan(score->sharpness)) {
         ++sum->sharp_images;
         sum->mean.sharpness += score->sharpness;
@@ -257,8 +263,9 @@ void split_score_finish(split_score *sum)
 {
     const double images = (double)sum->images;
     sum->mean =
-        (view_score){sum->mean.psnr / images, sum->mean.ssim / images, sum->mean.flip / images,
-                     sum->mean.sharpness / (double)sum->sharp_images, sum->mean.lpips / images};
+        (view_score){sum->mean.psnr / images,  sum->mean.ssim / images,
+                     sum->mean.flip / images,  sum->mean.sharpness / (double)sum->sharp_images,
+                     sum->mean.lpips / images, sum->mean.seconds / images};
 }
 
 // Decodes the next photos of this rank in advance: of the views of the split from `next` on, the
@@ -323,14 +330,18 @@ static bool score_round(evaluator *evaluation, const size_t *views, size_t count
     const size_t rank = (size_t)sgs_ranks_rank(group_ranks());
     const sgs_view *own = rank < count ? &evaluation->scene->views[views[rank]] : NULL;
     sgs_status status = own ? prepare_frame(evaluation, own) : SGS_STATUS_OK;
+    const double start = clock_seconds();
     for (size_t i = 0; i < count && (!status || !i); ++i)
         status = sgs_rank_renderer_render(evaluation->rank_renderer, status, views[i], (int)i,
                                           &evaluation->frame);
+    const double seconds = (clock_seconds() - start) / (double)count;
     if (status)
         fail_library(); // that of all ranks
-    else if (own)
+    else if (own) {
         scores[views[rank]].is_scored =
             score_frame(evaluation, own, &scores[views[rank]].score, NULL);
+        scores[views[rank]].score.seconds = seconds;
+    }
     return group_all(!status && (!own || scores[views[rank]].is_scored));
 }
 
@@ -427,8 +438,10 @@ json_t *split_score_json(const split_score *score)
     json_t *object = json_object();
     json_object_set_new(object, "images", json_integer((json_int_t)score->images));
     json_object_set_new(object, "identical", json_integer((json_int_t)score->identical));
-    const view_score none = {NAN, NAN, NAN, NAN, NAN};
-    view_score_add_json(object, score->images ? &score->mean : &none);
+    const view_score none = {NAN, NAN, NAN, NAN, NAN, NAN};
+    const view_score *mean = score->images ? &score->mean : &none;
+    view_score_add_json(object, mean);
+    json_object_set_new(object, "seconds_per_image", json_number(mean->seconds));
     return object;
 }
 
@@ -448,8 +461,9 @@ void split_score_print(const char *label, const split_score *score)
     char sharpness[SHARPNESS_TEXT], lpips[32] = "";
     if (!isnan(score->mean.lpips))
         snprintf(lpips, sizeof lpips, ", LPIPS %.4f", score->mean.lpips);
-    printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s%s (%zu images%s)\n", label,
-           score->mean.psnr, score->mean.ssim, score->mean.flip,
-           sharpness_format(sharpness, score->mean.sharpness, 0, 3), lpips, score->images,
-           score->identical ? ", some identical: 100 dB each" : "");
+    printf(
+        "%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s%s (%zu images%s, %.3g s per image)\n",
+        label, score->mean.psnr, score->mean.ssim, score->mean.flip,
+        sharpness_format(sharpness, score->mean.sharpness, 0, 3), lpips, score->images,
+        score->identical ? ", some identical: 100 dB each" : "", score->mean.seconds);
 }

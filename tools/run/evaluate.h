@@ -43,6 +43,7 @@ typedef struct view_score {
     double psnr, ssim, flip;
     double sharpness; // NaN if the photo is flat
     double lpips;     // NaN without weights
+    double seconds;   // of the rendering; those of a shared model: per image
 } view_score;
 
 // The images that were compared, 8-bit, and the FLIP error per pixel.
@@ -94,7 +95,7 @@ char *sharpness_format(char text[SHARPNESS_TEXT], double sharpness, int width, i
 // Adds "psnr" (null if infinite), "ssim", "flip", "sharpness" and "lpips" to a JSON object. NaN
 // becomes null.
 void view_score_add_json(json_t *object, const view_score *score);
-// {"images":n,"identical":n} and the means.
+// {"images":n,"identical":n}, the means and "seconds_per_image".
 json_t *split_score_json(const split_score *score);
 // Prints "LABEL PSNR ..." to stdout; nothing without images.
 void split_score_print(const char *label, const split_score *score);

@@ -59,7 +59,8 @@ SGS_API const char *sgs_version(void);
 SGS_API const char *sgs_version_commit(void);
 SGS_API const char *sgs_version_libraries(void);
 
-// Peak and current resident set size of this process in bytes; 0 if unknown.
+// Peak and current resident set size of this process in bytes; 0 if unknown. The peak is at least
+// every earlier result of sgs_rss_current.
 SGS_API uint64_t sgs_rss_peak(void);
 SGS_API uint64_t sgs_rss_current(void);
 // Memory available to this process in bytes: main memory and swap, or the limit of its control

@@ -110,10 +110,33 @@ const char *sgs_version_commit(void)
     return SGSI_COMMIT;
 }
 
+static _Atomic uint64_t largest_rss; // that sgs_rss_current has returned
+
+static uint64_t larger(uint64_t a, uint64_t b)
+{
+    return a > b ? a : b;
+}
+
+// VmHWM of /proc/self/status in bytes, or 0.
+static uint64_t high_water_mark(void)
+{
+    char line[256];
+    uint64_t kib = 0;
+    FILE *stream = fopen("/proc/self/status", "r");
+    while (stream && !kib && fgets(line, sizeof line, stream))
+        if (sscanf(line, "VmHWM: %" SCNu64, &kib) != 1)
+            kib = 0;
+    if (stream)
+        fclose(stream);
+    return kib * 1024;
+}
+
+// Linux adds pages to its totals in batches; the three sources differ by what is not added yet.
 uint64_t sgs_rss_peak(void)
 {
     struct rusage usage;
-    return getrusage(RUSAGE_SELF, &usage) ? 0 : (uint64_t)usage.ru_maxrss * 1024;
+    const uint64_t used = getrusage(RUSAGE_SELF, &usage) ? 0 : (uint64_t)usage.ru_maxrss * 1024;
+    return larger(larger(used, high_water_mark()), atomic_load(&largest_rss));
 }
 
 uint64_t sgs_rss_current(void)
@@ -125,7 +148,11 @@ uint64_t sgs_rss_current(void)
     if (fscanf(stream, "%*u %" SCNu64, &pages) != 1)
         pages = 0;
     fclose(stream);
-    return pages * (uint64_t)sysconf(_SC_PAGESIZE);
+    const uint64_t bytes = pages * (uint64_t)sysconf(_SC_PAGESIZE);
+    uint64_t largest = atomic_load(&largest_rss);
+    while (bytes > largest && !atomic_compare_exchange_weak(&largest_rss, &largest, bytes)) {
+    }
+    return bytes;
 }
 
 uint64_t sgs_machine_memory(void)

@@ -1,13 +1,15 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Files of base/core.h: writers of the same file do not disturb each other, and folders.
+// Files of base/core.h: writers of the same file do not disturb each other, and folders. Memory
+// readings of sparegs/runtime.h.
 
 #include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -16,6 +18,7 @@
 
 #include "base/core.h"
 #include "sparegs/output_file.h"
+#include "sparegs/runtime.h"
 #include "support/files_support.h"
 
 // ---- Files that are replaced ----
@@ -192,6 +195,40 @@ static void a_folder_without_a_name_is_refused(void **state)
     assert_string_equal(sgs_last_error(), ": cannot be created: No such file or directory");
 }
 
+// ---- Memory ----
+
+static void touch(char *bytes, size_t size)
+{
+    for (size_t i = 0; i < size; i += 4096)
+        bytes[i] = 1;
+}
+
+static void *touch_pages(void *pages)
+{
+    touch(pages, 7 * 4096); // less than a batch of the kernel
+    return NULL;
+}
+
+// The kernel adds the pages of a thread to its totals in batches.
+static void the_memory_peak_is_at_least_every_reading(void **state)
+{
+    (void)state;
+    enum { STEPS = 400, STEP = 7 * 4096 };
+    char *bytes = malloc((size_t)STEPS * STEP);
+    assert_non_null(bytes);
+    uint64_t most = 0;
+    for (size_t i = 0; i < STEPS; ++i) {
+        pthread_t thread;
+        assert_int_equal(pthread_create(&thread, NULL, touch_pages, bytes + i * STEP), 0);
+        assert_int_equal(pthread_join(thread, NULL), 0);
+        const uint64_t now = sgs_rss_current();
+        most = now > most ? now : most;
+        assert_true(now > 0 && sgs_rss_peak() >= most);
+    }
+    free(bytes);
+    assert_true(sgs_rss_peak() >= most);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -202,6 +239,7 @@ int main(void)
         cmocka_unit_test(threads_that_write_one_file_leave_a_whole_one),
         cmocka_unit_test(folders_are_made_with_their_parents),
         cmocka_unit_test(a_folder_without_a_name_is_refused),
+        cmocka_unit_test(the_memory_peak_is_at_least_every_reading),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

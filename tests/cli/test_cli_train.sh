@@ -25,6 +25,7 @@ json "$out/summary.json" '.seconds.checkpoint > 0'
 json "$out/summary.json" '.test.images == 5 and .test.psnr > 5 and .test.ssim > 0 and .test.lpips == null'
 json "$out/summary.json" '.train.images == 30 and .train.psnr > 5 and .train.ssim > 0'
 json "$out/summary.json" '.threads == 2 and (.isa | type) == "string" and .peak_rss_bytes > 1000000 and .seed == 0'
+check the_peak_is_at_least_every_row test "$(jq .peak_rss_bytes "$out/summary.json")" -ge "$(tail -n +2 "$out/train.csv" | cut -d, -f9 | sort -n | tail -n 1)"
 json "$out/summary.json" '.model_hash | test("^[0-9a-f]{16}$")'
 json "$out/config.json" '.options.iterations == 20 and .options.test_every == 8 and .options.downscale == 4 and .seed == 0'
 json "$out/config.json" '.options.spare == ["bmd", "rap"] and .options.background == [0, 0, 0]'

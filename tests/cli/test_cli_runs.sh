@@ -72,6 +72,15 @@ run 0 eval "$out" "$scene"
 prints "over 5 images (held out)"
 run 0 eval "$out" "$scene" --split all
 prints "over 35 images (30 training images, 5 held out)"
+for option in --eval "--test-every 4" "--test-images 0001.jpg"; do
+    # shellcheck disable=SC2086 # option and value
+    run 0 eval "$out" "$scene" --split all $option
+    prints "over 35 images (30 training images, 5 held out)"
+    reports "warning: ${option%% *} has no effect with --split all on a run, which records the held-out images"
+done
+run 0 eval "$out/point_cloud/iteration_12/point_cloud.ply" "$scene" --split all --test-every 5 --downscale 8
+prints "over 35 images (28 training images, 7 held out)"
+check it_has_an_effect_on_a_file bash -c "! grep -q 'has no effect' '$temporary/stderr'"
 run 0 eval "$out" "$scene" --split all --json
 json "$temporary/stdout" '.split == "all" and .training_images == 30'
 # Training images do not become held-out images by an option: 2 of these 12 were held out.

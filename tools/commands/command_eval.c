@@ -175,12 +175,15 @@ typedef struct image_choice {
 } image_choice;
 
 // Which images the model was trained on is known from its run, else taken from the split.
-static image_choice choose_images(const model_path *located, const sgs_scene *scene,
-                                  sgs_split split)
+static image_choice choose_images(const command_line *line, const model_path *located,
+                                  const sgs_scene *scene, sgs_split split)
 {
     image_choice images = {.split = split, .count = scene_split_count(scene, split)};
     const ptrdiff_t trained =
         located->run ? run_record_trained(located->run, located->config, scene, split) : -1;
+    if (trained >= 0 && split == SGS_SPLIT_ALL && option_given(line, "split"))
+        warn_idle(line, "eval|test-every|test-images",
+                  "with --split all on a run, which records the held-out images");
     images.trained = trained >= 0              ? (size_t)trained
                      : split == SGS_SPLIT_TEST ? 0
                                                : scene_split_count(scene, SGS_SPLIT_TRAIN);
@@ -366,7 +369,7 @@ static int evaluate_model(const command_line *line, const model_path *located,
     evaluation.exposures = exposures;
     evaluation.lpips = lpips;
     evaluation.lpips_input = (sgs_lpips_input)values->lpips_input;
-    const image_choice images = choose_images(located, scene, split);
+    const image_choice images = choose_images(line, located, scene, split);
     done = done && evaluate_all(&evaluation, &images, values->save, &size, json);
     evaluator_close(&evaluation);
     sgs_gaussians_destroy(model);

@@ -91,6 +91,12 @@ reports "is a page that shows a model and cannot be read"
 run 0 view "$out" --export "$temporary/view/page.html"
 reports "cameras in html have no lens distortion; that of 35 camera(s) is omitted"
 check view_prints_the_page grep -qx "$temporary/view/page.html" "$temporary/stdout"
+cp "$temporary/view/page.html" "$temporary/view/first.html"
+run 0 view "$out" --export "$temporary/view/page.html" --json --quiet
+json "$temporary/stdout" ". == {schema: 1, file: \"$temporary/view/page.html\"}"
+check the_same_page cmp "$temporary/view/first.html" "$temporary/view/page.html"
+run 1 view "$temporary/missing" --export "$temporary/view/none.html" --json --quiet
+json "$temporary/stdout" '.error.code == "failed"'
 check a_run_has_its_cameras grep -q '"cameras":\[{"name"' "$temporary/view/page.html"
 run 2 view "$out" --export "$temporary/page.ply"
 reports "does not end in .html"

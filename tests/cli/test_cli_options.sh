@@ -65,7 +65,7 @@ render: output run video view split camera orbit spiral frames size projection d
 render: compact-box background near images downscale eval test-every test-images masks invert-masks alpha image-cache
 render: input-colorspace train-space white threads isa json quiet
 view: run port address token export filter compact-box background near images downscale eval test-every test-images masks
-view: invert-masks alpha image-cache input-colorspace train-space white threads isa quiet
+view: invert-masks alpha image-cache input-colorspace train-space white threads isa json quiet
 info: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space
 info: white threads isa json quiet
 compress: output run method preset filter compact-box background near images downscale eval test-every test-images masks

@@ -47,6 +47,19 @@ page() {
     check "client: $*" test "$status" -eq 0 -a "$(grep -c '^FAIL' "$temporary/page")" -eq 0
 }
 
+# the_address_is_printed_as_json_when_serving_starts
+"$program" view "$temporary/run" --port 0 --json --quiet >"$temporary/url.json" 2>"$temporary/stderr" &
+server=$!
+last_command="sparegs view --json"
+for _ in $(seq 600); do
+    grep -q '^}' "$temporary/url.json" || ! kill -0 "$server" 2>/dev/null && break
+    sleep 0.1
+done
+json "$temporary/url.json" 'keys == ["schema", "url"] and (.url | test("^http://127.0.0.1:[0-9]+/$"))'
+code 200 "$(jq -r .url "$temporary/url.json")"
+stop TERM
+check one_object test "$(jq -s length "$temporary/url.json")" = 1
+
 # ---- A run with its scene ----
 start "$temporary/run" "$room" --port 0
 curl -sD "$temporary/head" "$url" -o "$temporary/page.html"

@@ -65,8 +65,7 @@ static const char *unread_options(const char *command)
                 {"prune", NULL},
                 {"bd", "seed|threads|isa"},
                 {"explain", "seed|threads|isa"},
-                {"experiment", "seed|threads|isa"}, // of the runs
-                {"view", "seed|json"}};
+                {"experiment", "seed|threads|isa"}}; // of the runs
     for (size_t k = 0; k < sizeof rows / sizeof *rows; ++k)
         if (!strcmp(rows[k].command, command))
             return rows[k].unread;

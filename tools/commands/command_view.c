@@ -11,10 +11,14 @@
 #include "cameras/camera_path.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/json_output.h"
+#include "cli/json_result.h"
 #include "cli/model_argument.h"
 #include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/reported_files.h"
+#include "cli/standard_output.h"
 #include "viewer/view_session.h"
 
 static const char description[] =
@@ -71,7 +75,22 @@ static void serve(void)
         nanosleep(&pause, NULL);
 }
 
-static int export_page(const char *path, const view_source *source)
+// Prints the address now, not when the command ends. False after printing the error.
+static bool print_address(const view_session *session, bool json)
+{
+    if (!json) {
+        view_session_print(session);
+        return true;
+    }
+    json_t *root = json_result_new();
+    json_object_set_new(root, "url", json_string(view_session_url(session)));
+    json_result_set(root);
+    const bool printed = json_result_print(EXIT_DONE, true);
+    stdout_flush();
+    return printed;
+}
+
+static int export_page(const char *path, const view_source *source, bool json)
 {
     const camera_list *views = &source->views;
     if (!make_folder_of(path))
@@ -98,6 +117,11 @@ static int export_page(const char *path, const view_source *source)
         return interrupt_status();
     if (status)
         return fail_library();
+    if (json) {
+        json_t *root = json_result_new();
+        json_object_set_new(root, "file", json_text(path));
+        return print_json(root) ? EXIT_DONE : EXIT_FAILED;
+    }
     printf("%s\n", path);
     return EXIT_DONE;
 }
@@ -118,7 +142,7 @@ static char *convert_marks(const command_line *line, const drawing_values *drawi
 }
 
 static int view_model(const char *name, const model_path *located, const view_values *values,
-                      drawing_values *drawing, view_session *session)
+                      drawing_values *drawing, view_session *session, bool json)
 {
     view_session_options options = {.token = values->token, .share = 1};
     sgs_gaussians *model = NULL;
@@ -136,17 +160,16 @@ static int view_model(const char *name, const model_path *located, const view_va
                   : format_text(".");
     }
     if (done && values->export)
-        return export_page(values->export, &session->source);
-    if (!done || !view_session_start(session, &options))
+        return export_page(values->export, &session->source, json);
+    if (!done || !view_session_start(session, &options) || !print_address(session, json))
         return EXIT_FAILED;
-    view_session_print(session);
     print_note("%s: %zu primitives; press Ctrl-C to stop", name, session->source.model->count);
     serve();
     return EXIT_DONE;
 }
 
 static int run_view(const command_line *line, const view_values *values, scene_values *data,
-                    drawing_values *drawing)
+                    drawing_values *drawing, bool json)
 {
     model_path located;
     sgs_scene *scene = NULL;
@@ -164,7 +187,7 @@ static int run_view(const command_line *line, const view_values *values, scene_v
         session.source.marks = convert_marks(line, drawing);
         session.source.name = line->operands[0];
         session.source.scene = scene;
-        status = view_model(line->operands[0], &located, values, drawing, &session);
+        status = view_model(line->operands[0], &located, values, drawing, &session, json);
     }
     view_session_stop(&session);
     view_source_close(&session.source);
@@ -226,5 +249,5 @@ int command_view(int argc, char **argv)
         warn_idle(&call.line, "alpha|input-colorspace", "with --export");
     warn_idle(&call.line, "masks|invert-masks|image-cache", "on view");
     interrupt_watch();
-    return run_view(&call.line, &values, &data, &drawing);
+    return run_view(&call.line, &values, &data, &drawing, call.common.json);
 }

@@ -81,9 +81,14 @@ bool view_session_start(view_session *session, const view_session_options *optio
     return session->server && view_render_thread_start(&session->render);
 }
 
+const char *view_session_url(const view_session *session)
+{
+    return view_server_url(session->server);
+}
+
 void view_session_print(const view_session *session)
 {
-    printf("%s\n", view_server_url(session->server));
+    printf("%s\n", view_session_url(session));
     stdout_flush();
 }
 

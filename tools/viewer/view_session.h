@@ -39,6 +39,8 @@ bool view_token_is_possible(const char *token);
 // Serves the opened session->source. False after printing the error; call view_session_stop in any
 // case.
 bool view_session_start(view_session *session, const view_session_options *options);
+// The URL, owned by the session.
+const char *view_session_url(const view_session *session);
 // Prints the URL as a line of stdout.
 void view_session_print(const view_session *session);
 void view_session_stop(view_session *session);

@@ -13,6 +13,17 @@ cp "$temporary/stdout" "$temporary/help"
 run 0 help
 check help_of_help_is_the_help cmp "$temporary/stdout" "$temporary/help"
 for command in train eval render info reconstruct; do prints "  $command"; done
+for name in --help -h; do
+    run 0 help "$name"
+    check help_of_help_is_the_help cmp "$temporary/stdout" "$temporary/help"
+done
+run 2 help --version
+reports "unknown option '--version'; 'sparegs help' lists all commands"
+one_line
+run 0 help --json
+cp "$temporary/stdout" "$temporary/help"
+run 0 help help --json
+check help_of_help_is_the_help cmp "$temporary/stdout" "$temporary/help"
 run 0 help --json
 commands=$(jq -r '.commands[].command' "$temporary/stdout")
 check the_commands_are_listed grep -qx train <<<"$commands"

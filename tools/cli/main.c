@@ -97,20 +97,6 @@ static int fail_command(const char *name)
                       suggestion(near, "", name, words, count));
 }
 
-static int print_help_of(const char *name, bool json)
-{
-    if (!strcmp(name, "help") && !json) {
-        print_commands(stdout);
-        return EXIT_DONE;
-    }
-    const command *found = find_command(name);
-    if (!found)
-        return fail_command(name);
-    char help[] = "--help", as_json[] = "--json";
-    char *arguments[] = {(char *)found->name, help, json ? as_json : NULL, NULL};
-    return found->run(json ? 3 : 2, arguments);
-}
-
 // The option tables of all commands.
 static int print_option_lists(void)
 {
@@ -130,6 +116,27 @@ static int print_option_lists(void)
     return EXIT_DONE;
 }
 
+static bool is_help(const char *name)
+{
+    return !strcmp(name, "help") || !strcmp(name, "--help") || !strcmp(name, "-h");
+}
+
+static int print_help_of(const char *name, bool json)
+{
+    if (is_help(name) && json)
+        return print_option_lists();
+    if (is_help(name)) {
+        print_commands(stdout);
+        return EXIT_DONE;
+    }
+    const command *found = find_command(name);
+    if (!found)
+        return fail_command(name);
+    char help[] = "--help", as_json[] = "--json";
+    char *arguments[] = {(char *)found->name, help, json ? as_json : NULL, NULL};
+    return found->run(json ? 3 : 2, arguments);
+}
+
 static int run(int argc, char **argv)
 {
     if (argc < 2) {
@@ -137,7 +144,7 @@ static int run(int argc, char **argv)
         return EXIT_USAGE;
     }
     const char *name = argv[1];
-    const bool helps = !strcmp(name, "help") || !strcmp(name, "--help") || !strcmp(name, "-h");
+    const bool helps = is_help(name);
     const bool json = helps && argc > 2 && !strcmp(argv[argc - 1], "--json");
     const int takes = !strcmp(name, "--version") ? 2 : helps ? 3 + (json && argc > 3) : argc;
     if (argc > takes)

@@ -89,7 +89,7 @@ const char *suggestion(char storage[SUGGESTION_LENGTH], const char *prefix, cons
 {
     const char *nearest = nearest_word(text, words, count);
     *storage = 0;
-    if (nearest)
+    if (nearest && strcmp(nearest, text) != 0) // a known word in the wrong place
         snprintf(storage, SUGGESTION_LENGTH, " (did you mean '%s%s'?)", prefix, nearest);
     return storage;
 }

@@ -14,7 +14,7 @@ int fail_usage(const char *format, ...) __attribute__((format(printf, 1, 2)));
 void fail_usage_within(const char *context);
 
 // " (did you mean 'PREFIXword'?)" for the word that `text` abbreviates or, if it is similar, the
-// nearest; "" if there is none. Held by `storage`.
+// nearest; "" if there is none, or it is `text` itself. Held by `storage`.
 enum { SUGGESTION_LENGTH = 300 };
 const char *suggestion(char storage[SUGGESTION_LENGTH], const char *prefix, const char *text,
                        const char *const *words, size_t count);

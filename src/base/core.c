@@ -376,7 +376,10 @@ sgs_status sgsi_make_folder(const char *path)
         if (mkdir(partial, 0777) && errno != EEXIST) {
             const int code = errno;
             sgsi_free(partial);
-            return sgsi_fail(SGS_STATUS_IO, "%s: cannot be created: %s", path, strerror(code));
+            return sgsi_fail(SGS_STATUS_IO,
+                             "%s: cannot be created: %s; choose another folder, or check the "
+                             "permissions",
+                             path, strerror(code));
         }
         *at = kept;
         if (!kept)
@@ -385,7 +388,7 @@ sgs_status sgsi_make_folder(const char *path)
     sgsi_free(partial);
     struct stat info;
     if (stat(path, &info) || !S_ISDIR(info.st_mode))
-        return sgsi_fail(SGS_STATUS_IO, "%s: is not a folder", path);
+        return sgsi_fail(SGS_STATUS_IO, "%s: is not a folder; choose another folder", path);
     return SGS_STATUS_OK;
 }
 

@@ -365,7 +365,9 @@ sgs_status sgsi_ply_read_header(sgsi_ply_stream *stream, sgsi_ply_header *header
     header->colors = (sgs_model_colors){0};
     const uint8_t *magic = sgsi_ply_take(stream, 4);
     if (!magic || memcmp(magic, "ply", 3) || (magic[3] != '\n' && magic[3] != '\r'))
-        return sgsi_fail(SGS_STATUS_FORMAT, "%s: not a PLY file: it does not begin with 'ply'",
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: not a PLY file: it does not begin with 'ply'; specify another file, "
+                         "or rename this one with the extension of its format",
                          stream->path);
     if (magic[3] == '\r') {
         const uint8_t *feed = sgsi_ply_take(stream, 1);

@@ -192,7 +192,8 @@ static void a_folder_without_a_name_is_refused(void **state)
 {
     (void)state;
     assert_int_equal(sgsi_make_folder(""), SGS_STATUS_IO);
-    assert_string_equal(sgs_last_error(), ": cannot be created: No such file or directory");
+    assert_string_equal(sgs_last_error(), ": cannot be created: No such file or directory; "
+                                          "choose another folder, or check the permissions");
 }
 
 // ---- Memory ----

@@ -284,6 +284,10 @@ for name in depth depth_first; do
     check "the_given_range_is_used for $name" cmp "$temporary/given/crop.$name.png" "$temporary/ranges/crop.$name.png"
 done
 run 0 render "$model" --camera "$temporary/crop.json" --frames 1 --format png --aov depth --depth-range 0:1000 -o "$temporary/given"
+run 1 render "$model" --camera "$model/cameras.json" --frames 99 --aov rgba -o "$temporary/none"
+reports "--frames: 99 is out of range; choose from the frames 0 to 34"
+run 0 render "$model" --camera "$model/cameras.json" --frames 34-99 --aov rgba -o "$temporary/given"
+reports "--frames: 99 is out of range; the last frame is 34"
 check another_range_differs bash -c "! cmp -s '$temporary/given/crop.depth.png' '$temporary/ranges/crop.depth.png'"
 for bad in 1 2:1 1:1 : 1: :1 -1:2 1:inf 1:2x; do
     run 2 render "$model" "$room" --format png --depth-range "$bad" -o "$temporary/none"

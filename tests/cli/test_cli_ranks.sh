@@ -234,7 +234,7 @@ mkdir -p "$temporary/obstructed/point_cloud"
 ln -s nowhere/else "$temporary/obstructed/point_cloud/iteration_120"
 ranks 1 2 train "${common[@]}" --exposure -o "$temporary/obstructed"
 one_voice
-reports "obstructed/point_cloud/iteration_120: cannot be created: No such file or directory"
+reports "obstructed/point_cloud/iteration_120: cannot be created: No such file or directory; choose another folder, or check the permissions"
 rm "$temporary/obstructed/point_cloud/iteration_120"
 ranks 0 3 train "${common[@]}" --exposure --resume -o "$temporary/obstructed"
 same_hash one obstructed

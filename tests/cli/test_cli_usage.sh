@@ -271,6 +271,15 @@ run 1 experiment "$temporary/pipe_cameras.json" -o "$temporary/out"
 one_line
 reports "pipe_cameras.json: cannot be read: is not a regular file"
 
+# errors_name_the_remedy
+echo "no model" >"$temporary/text.ply"
+run 1 info "$temporary/text.ply"
+one_line
+reports "text.ply: not a PLY file: it does not begin with 'ply'; specify another file, or rename this one with the extension of its format"
+run 1 train "$room" --iterations 1 -o /proc/none/out
+one_line
+reports "/proc/none: cannot be created: No such file or directory; choose another folder, or check the permissions"
+
 # unwritable_outputs
 echo "not a folder" >"$temporary/file"
 run 1 train "$room" -o "$temporary/file/out" --quiet

@@ -36,11 +36,15 @@ typedef struct bad_file {
     const char *message; // text after "FILE: "
 } bad_file;
 
+#define NO_PLY                                                                                     \
+    "not a PLY file: it does not begin with 'ply'; specify another file, or rename this one with " \
+    "the extension of its format"
+
 static const bad_file bad_files[] = {
-    {"", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
-    {"pl", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
-    {"\x89PNG\r\n", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
-    {"plyx\n", SGS_STATUS_FORMAT, "not a PLY file: it does not begin with 'ply'"},
+    {"", SGS_STATUS_FORMAT, NO_PLY},
+    {"pl", SGS_STATUS_FORMAT, NO_PLY},
+    {"\x89PNG\r\n", SGS_STATUS_FORMAT, NO_PLY},
+    {"plyx\n", SGS_STATUS_FORMAT, NO_PLY},
     {"ply\rformat ascii 1.0\r", SGS_STATUS_FORMAT, "line 1: missing line feed"},
     {"ply\n", SGS_STATUS_FORMAT, "line 2: file ends inside the header"},
     {"ply\nelement vertex 1\n", SGS_STATUS_FORMAT, "line 2: expected 'format' after 'ply'"},

@@ -221,11 +221,13 @@ static void reshape(const camera_choice *choice, sgs_camera *camera)
 static bool frames_exist(const frame_range *range, size_t count)
 {
     if (range->step && (size_t)range->first >= count) {
-        fail_run("--frames: out of range; the frames are 0 to %zu", count - 1);
+        fail_run("--frames: %d is out of range; choose from the frames 0 to %zu", range->first,
+                 count - 1);
         return false;
     }
     if (range->step && (size_t)range->last >= count)
-        print_warning("--frames: partly out of range; the frames are 0 to %zu", count - 1);
+        print_warning("--frames: %d is out of range; the last frame is %zu", range->last,
+                      count - 1);
     return true;
 }
 

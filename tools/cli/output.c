@@ -32,6 +32,13 @@ static bool fail_file(const char *path, const char *what, int code)
     return false;
 }
 
+static bool fail_folder(const char *path, const char *what, int code)
+{
+    fail_run("%s: %s: %s; choose another folder, or check the permissions", path, what,
+             strerror(code));
+    return false;
+}
+
 bool make_folder(const char *path)
 {
     char *partial = format_text("%s", path);
@@ -41,7 +48,7 @@ bool make_folder(const char *path)
         const char kept = *at;
         *at = 0;
         if (mkdir(partial, 0777) && errno != EEXIST) {
-            fail_file(partial, "cannot be created", errno);
+            fail_folder(partial, "cannot be created", errno);
             free(partial);
             return false;
         }
@@ -52,9 +59,9 @@ bool make_folder(const char *path)
     free(partial);
     struct stat info;
     if (stat(path, &info))
-        return fail_file(path, "cannot be created", errno);
+        return fail_folder(path, "cannot be created", errno);
     if (!S_ISDIR(info.st_mode))
-        return fail_file(path, "is not a folder", ENOTDIR);
+        return fail_folder(path, "is not a folder", ENOTDIR);
     return true;
 }
 
@@ -87,7 +94,7 @@ static int probe_folder(const char *folder)
 bool check_writable(const char *folder)
 {
     const int code = probe_folder(folder);
-    return !code || fail_file(folder, "folder is not writable", code);
+    return !code || fail_folder(folder, "folder is not writable", code);
 }
 
 // Where the file does not exist, the nearest folder above it that exists.

@@ -47,6 +47,38 @@ plan "$room" '["3dgs", "mip"]' ', "trace": "traces/last.json"'
 [ -s "$folder/traces/last.json" ] || { echo "FAIL: the trace is not relative to the plan"; exit 1; }
 [ "$(jq '[.runs[].summary.model_hash] | unique | length' "$folder/out/results.json")" = 5 ]
 
+# --threads and --isa apply to runs whose plan does not set them; each run shows its progress on a terminal, and only there.
+jq '.pipelines = ["3dgs"] | .variants = [{name: "own", options: {threads: 2, isa: "baseline"}}, {name: "given"}] |
+    del(.options.threads, .options.trace) | .options.iterations = 20' "$folder/plan.json" >"$folder/threads.json"
+"$SPAREGS_PROGRAM" experiment "$folder/threads.json" -o "$folder/threads" --threads 1 --isa baseline 2>"$folder/lines"
+for pair in own:2 given:1; do
+    [ "$(jq -r '"\(.threads) \(.isa)"' "$folder/threads/runs/room/3dgs/${pair%:*}/seed_0/summary.json")" = "${pair#*:} baseline" ] ||
+        { echo "FAIL: threads of ${pair%:*}"; exit 1; }
+done
+if grep -q 'it/s\|loaded in' "$folder/lines"; then echo "FAIL: progress in a file"; cat "$folder/lines"; exit 1; fi
+shown() { # OPTION...: what the experiment prints on a terminal
+    rm -rf "$folder/threads"
+    python3 - "$SPAREGS_PROGRAM" experiment "$folder/threads.json" -o "$folder/threads" "$@" >"$folder/lines" <<'PY'
+import os, pty, subprocess, sys
+
+here, there = pty.openpty()
+run = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=there)
+os.close(there)
+try:
+    while text := os.read(here, 1000):
+        sys.stdout.buffer.write(text)
+except OSError:  # the program has closed the terminal
+    pass
+sys.exit(run.wait())
+PY
+}
+shown
+for text in 'sparegs: run 1 of 2: room, 3dgs, own, seed 0' 'sparegs: run 2 of 2: room, 3dgs, given, seed 0' '20/20 .* it/s' 'loaded in'; do
+    tr '\r' '\n' <"$folder/lines" | grep -q "$text" || { echo "FAIL: no '$text' on the terminal:"; cat "$folder/lines"; exit 1; }
+done
+shown --quiet
+[ ! -s "$folder/lines" ] || { echo "FAIL: not quiet:"; cat "$folder/lines"; exit 1; }
+
 # The same command again runs nothing; a lost run is repeated with the same bits.
 lost=$folder/out/runs/room/3dgs/on/seed_0
 kept=$folder/out/runs/room/mip/off/seed_0

@@ -78,7 +78,7 @@ convert: images downscale eval test-every test-images masks invert-masks alpha i
 convert: white threads isa json quiet
 reconstruct: output matcher camera-model cameras colmap threads isa json quiet
 explain: top region json quiet
-experiment: output check json quiet
+experiment: output check threads isa json quiet
 prune: output run method scores filter compact-box background near images downscale eval test-every test-images masks
 prune: invert-masks alpha image-cache input-colorspace train-space white threads isa seed json quiet
 bd: select select-test json quiet

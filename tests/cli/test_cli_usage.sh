@@ -31,7 +31,7 @@ for command in $commands; do
     run 0 help "$command"
     prints "Usage: sparegs $command"
     case $command in
-    experiment | bd | explain) ;; # the plan sets the threads; one thread
+    bd | explain) ;; # one thread
     bench) prints "--threads A,B,..." ;;
     *) prints "--threads N" ;;
     esac

@@ -59,13 +59,8 @@ static const char *unread_options(const char *command)
 {
     static const struct {
         const char *command, *unread;
-    } rows[] = {{"train", NULL},
-                {"compress", NULL},
-                {"profile", NULL},
-                {"prune", NULL},
-                {"bd", "seed|threads|isa"},
-                {"explain", "seed|threads|isa"},
-                {"experiment", "seed|threads|isa"}}; // of the runs
+    } rows[] = {{"train", NULL}, {"compress", NULL},         {"profile", NULL},
+                {"prune", NULL}, {"bd", "seed|threads|isa"}, {"explain", "seed|threads|isa"}};
     for (size_t k = 0; k < sizeof rows / sizeof *rows; ++k)
         if (!strcmp(rows[k].command, command))
             return rows[k].unread;

@@ -27,6 +27,7 @@ static void become_command(const char *const *arguments, const char *output, con
 {
     // A new process group: Ctrl-C reaches only this program, which forwards it.
     setpgid(0, 0);
+    signal(SIGTTOU, SIG_IGN); // it shows its progress on the terminal
 #ifdef __linux__
     prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // if this program is killed
 #endif

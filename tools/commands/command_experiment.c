@@ -26,11 +26,13 @@
 #include "run/lock_file.h"
 #include "run/rank_work.h"
 #include "run/run_record.h"
+#include "sparegs/runtime.h"
 
 static const char description[] =
     "Trains the runs defined by PLAN.json (scenes x pipelines x variants x seeds), one at a time, "
     "into DIR, and updates DIR/results.json and DIR/results.csv after each. The plan is validated "
-    "before the first run. Steps of \"post\" prune or compress the trained models and evaluate the "
+    "before the first run. --threads and --isa apply to the runs, unless the plan sets them. Steps "
+    "of \"post\" prune or compress the trained models and evaluate the "
     "results. Rerun the same command to continue an interrupted experiment. 'sparegs report DIR' "
     "creates tables and an HTML page. Under mpirun or srun, the runs are distributed over the "
     "processes.";
@@ -634,11 +636,31 @@ static bool describe_runs(FILE *out, const void *context)
     return done && rank_work_write_json(out, "post", json_object_get(plan->root, "post"));
 }
 
-static int experiment(const command_line *line, const experiment_values *values, bool json)
+// Options of this command that its runs take. They show their progress on a terminal: in a file,
+// their lines would hide those of the experiment, and several ranks would share the terminal.
+static void pass_on(const command_line *line, const common_values *common, experiment_plan *plan)
 {
+    const bool quiet = common->quiet || !isatty(STDERR_FILENO) || group_ranks();
+    char *threads = format_text("%d", common->threads);
+    for (size_t i = 0; i < plan->count; ++i) {
+        if (option_given(line, "threads"))
+            experiment_run_add(&plan->runs[i], "threads", threads);
+        if (option_given(line, "isa"))
+            experiment_run_add(&plan->runs[i], "isa", sgs_isa_name((sgs_isa)common->isa));
+        if (quiet)
+            experiment_run_add(&plan->runs[i], "quiet", NULL);
+    }
+    free(threads);
+}
+
+static int experiment(const command_line *line, const experiment_values *values,
+                      const common_values *common)
+{
+    const bool json = common->json;
     experiment_plan plan;
     if (!experiment_plan_read(line->operands[0], values->output ? values->output : ".", &plan))
         return EXIT_FAILED;
+    pass_on(line, common, &plan);
     int status = EXIT_FAILED;
     if (!rank_work_agrees(&(rank_work){line, NULL, describe_runs, &plan}) ||
         !group_all(!values->output || plans_agree(&plan, values->output))) {
@@ -659,7 +681,6 @@ int command_experiment(int argc, char **argv)
 {
     command_call call;
     experiment_values values = {0};
-    static const char *const own[] = {"seed", "threads", "isa"}; // of the runs
     const command_spec spec = {.name = "experiment",
                                .synopsis = "PLAN.json -o DIR [options]",
                                .description = description,
@@ -671,20 +692,17 @@ int command_experiment(int argc, char **argv)
                                    sizeof experiment_options / sizeof *experiment_options,
                                .values = &values};
     int status = command_parse(&spec, argc, argv, &call);
-    for (size_t k = 0; k < sizeof own / sizeof *own && status < 0; ++k)
-        if (option_given(&call.line, own[k]))
-            status =
-                fail_usage("--%s has no effect on the runs of an experiment; set \"%s\" in the "
-                           "plan",
-                           own[k], k ? own[k] : "seeds");
+    if (status < 0 && option_given(&call.line, "seed"))
+        status = fail_usage("--seed has no effect on the runs of an experiment; set \"seeds\" in "
+                            "the plan");
     if (status < 0 && !values.output && !values.check)
         status =
             fail_usage("experiment requires an output folder, -o DIR; usage: sparegs experiment %s",
                        call.line.synopsis);
+    if (status < 0)
+        status = common_apply(&call.common, &call.line);
     if (status >= 0)
         return status;
-    // Threads, instruction set and --quiet belong to the runs: set them in the plan's options.
-    messages_set_quiet(call.common.quiet);
     interrupt_watch();
-    return experiment(&call.line, &values, call.common.json);
+    return experiment(&call.line, &values, &call.common);
 }

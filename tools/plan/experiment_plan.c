@@ -244,7 +244,6 @@ static bool add_run(experiment_plan *plan, const char *folder, const json_t *sce
     add_argument(run, format_text("%s", pipeline));
     add_argument(run, format_text("--seed"));
     add_argument(run, format_text("%d", seed));
-    add_argument(run, format_text("--quiet"));
     json_t *options = merged_options(plan->root, scene, variant);
     const char *path = json_string_value(json_object_get(scene, "path"));
     json_t *settings = json_pack("{s:s,s:s,s:i,s:o}", "scene", path ? path : "", "pipeline",
@@ -269,6 +268,15 @@ const char *experiment_run_argument(const experiment_run *run, const char *name)
         if (!strncmp(run->arguments[k], "--", 2) && !strcmp(run->arguments[k] + 2, name))
             return run->arguments[k + 1];
     return NULL;
+}
+
+void experiment_run_add(experiment_run *run, const char *name, const char *value)
+{
+    if (experiment_run_argument(run, name))
+        return;
+    add_argument(run, format_text("--%s", name));
+    if (value)
+        add_argument(run, format_text("%s", value));
 }
 
 static bool has_argument(const experiment_run *run, const char *flag)

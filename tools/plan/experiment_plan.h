@@ -34,6 +34,8 @@ json_t *experiment_plan_options(const json_t *options);
 
 // The value of option --name of a run, or NULL.
 const char *experiment_run_argument(const experiment_run *run, const char *name);
+// Adds --name, with its value unless that is NULL. No effect if the plan sets it.
+void experiment_run_add(experiment_run *run, const char *name, const char *value);
 // Removes the options without effect on the run from `options`, which is changed.
 void experiment_run_drop_idle(const experiment_run *run, json_t *options);
 

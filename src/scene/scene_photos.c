@@ -40,7 +40,9 @@ static sgs_status fit_camera(const sgsi_frame *frame, const sgsi_view_slot *s, c
                              sgs_camera *out)
 {
     sgs_camera camera = frame->camera;
-    if (camera.width == 0) {
+    if (camera.width == 0 && camera.model == SGS_CAMERA_EQUIRECTANGULAR) {
+        camera = sgs_camera_equirectangular(s->file_width, s->file_height);
+    } else if (camera.width == 0) {
         camera.width = s->file_width;
         camera.height = s->file_height;
         double *const focal = camera.params; // NaN where an angle takes its place

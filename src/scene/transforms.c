@@ -13,6 +13,10 @@
 // camera_angle_y; without w and h the photo's size completes these (see sgsi_frame). NeRF
 // synthetic omits ".png" in file_path and composites its RGBA images over white. Errors count
 // frames from 0, as JSON paths do.
+//
+// A panorama has no focal length: camera_model EQUIRECTANGULAR of nerfstudio, latlong of
+// instant-ngp. Its centre is the camera axis, its upper row up. instant-ngp's equirectangular is
+// another lens: its rows are spaced by the sine of the latitude.
 
 #include "scene/transforms.h"
 
@@ -61,6 +65,7 @@ typedef struct intrinsics {
     double value[KEY_COUNT]; // NaN if absent
     const char *model;       // camera_model, NULL if absent
     bool fisheye;            // instant-ngp's is_fisheye
+    bool panorama;           // instant-ngp's latlong
 } intrinsics;
 
 typedef struct reader {
@@ -68,18 +73,19 @@ typedef struct reader {
     char where[48]; // "frame 3" or "the global keys"
     sgsi_dataset *dataset;
     bool ignores_distortion; // warned
+    bool ignores_intrinsics; // of a panorama; warned
 } reader;
 
 // Fails for keys of instant-ngp that select a lens which is not supported.
 static sgs_status check_lens(const reader *r, const json_t *object)
 {
-    static const char *const keys[] = {"ftheta_p0", "latlong", "equirectangular"};
+    static const char *const keys[] = {"ftheta_p0", "equirectangular"};
     for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i) {
         const json_t *value = json_object_get(object, keys[i]);
         if (value && !json_is_null(value) && !json_is_false(value))
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                              "%s: %s: the lens of '%s' is not supported; convert the images to "
-                             "PINHOLE, OPENCV or OPENCV_FISHEYE",
+                             "PINHOLE, OPENCV, OPENCV_FISHEYE or 'latlong'",
                              r->path, r->where, keys[i]);
     }
     return SGS_STATUS_OK;
@@ -104,6 +110,9 @@ static sgs_status read_intrinsics(const reader *r, const json_t *object, intrins
     if (json_is_string(model))
         out->model = json_string_value(model);
     out->fisheye = out->fisheye || json_is_true(json_object_get(object, "is_fisheye"));
+    const json_t *panorama = json_object_get(object, "latlong");
+    if (panorama)
+        out->panorama = !json_is_null(panorama) && !json_is_false(panorama);
     return check_lens(r, object);
 }
 
@@ -194,11 +203,15 @@ static sgs_status read_model(reader *r, const intrinsics *in, sgs_camera *camera
     const enum key excess = !known || !strcmp(model, "FULL_OPENCV")
                                 ? KEY_COUNT
                                 : first_distortion(in, fisheye ? KEY_K5 : KEY_K4, KEY_K6);
+    if (in->panorama) // of instant-ngp; the model is another one
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: 'latlong' contradicts camera model '%.64s'; remove one of them",
+                         r->path, r->where, model);
     if (!known)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,
             "%s: %s: camera model '%.64s' is not supported; supported: " PERSPECTIVE_MODELS
-            ", " FISHEYE_MODELS "; undistort the images or use one of these",
+            ", " FISHEYE_MODELS ", EQUIRECTANGULAR; undistort the images or use one of these",
             r->path, r->where, model);
     if (excess != KEY_COUNT)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: %s: camera model '%.64s' has no %s; %s",
@@ -228,6 +241,39 @@ static sgs_status read_model(reader *r, const intrinsics *in, sgs_camera *camera
     return SGS_STATUS_OK;
 }
 
+#define PANORAMA "EQUIRECTANGULAR"
+
+static bool is_panorama(const intrinsics *in)
+{
+    return in->model ? !strcmp(in->model, PANORAMA) : in->panorama;
+}
+
+// nerfstudio writes w/2, h, w/2 and h/2 as fl_x, fl_y, cx and cy of a full panorama.
+static bool is_of_panorama(const intrinsics *in, const sgs_camera *camera)
+{
+    static const enum key keys[] = {KEY_FL_X, KEY_FL_Y, KEY_CX, KEY_CY};
+    const double full[] = {0.5 * camera->width, camera->height, 0.5 * camera->width,
+                           0.5 * camera->height};
+    bool is = true;
+    for (size_t i = 0; i < sizeof keys / sizeof *keys && camera->width; ++i)
+        is = is && !(fabs(in->value[keys[i]] - full[i]) > 1.0);
+    return is;
+}
+
+// Without a size, the photo completes the camera.
+static sgs_status read_panorama(reader *r, const intrinsics *in, sgs_camera *camera)
+{
+    *camera = sgs_camera_equirectangular(camera->width, camera->height);
+    const bool fits =
+        is_of_panorama(in, camera) && first_distortion(in, KEY_K1, KEY_P2) == KEY_COUNT;
+    if (!fits && !r->ignores_intrinsics)
+        sgsi_warn("%s: %s: an image of " PANORAMA " shows all directions; focal length, principal "
+                  "point and distortion are ignored; correct the images if they show less",
+                  r->path, r->where);
+    r->ignores_intrinsics |= !fits;
+    return SGS_STATUS_OK;
+}
+
 // Focal length from a field of view; NaN if the angle is absent.
 static sgs_status focal_of_angle(const reader *r, const intrinsics *in, enum key key, int size,
                                  double *focal)
@@ -250,6 +296,8 @@ static sgs_status read_camera(reader *r, const intrinsics *in, sgsi_frame *frame
     sgs_camera *camera = &frame->camera;
     double from_x, from_y;
     sgs_status status = read_size(r, in, camera);
+    if (!status && is_panorama(in))
+        return read_panorama(r, in, camera);
     if (!status)
         status = read_model(r, in, camera);
     if (!status)

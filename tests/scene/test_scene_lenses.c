@@ -1,7 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Lenses without a ray for some or all pixels: reported as such, and not as masks.
+// Lenses without a ray for some or all pixels: reported as such, and not as masks. Panoramas of
+// transforms.json.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -163,6 +164,99 @@ static void masks_of_lenses_with_rays_are_still_reported_as_masks(void **state)
     tree_remove(&folder);
 }
 
+// Ray of nerfstudio (cameras.py, EQUIRECTANGULAR) in its camera axes x right, y up, z backward.
+static void nerfstudio_ray(const double pixel[2], double ray[3])
+{
+    const double pi = 3.14159265358979324, a = (pixel[0] - WIDTH / 2.0) / (WIDTH / 2.0),
+                 b = -(pixel[1] - HEIGHT / 2.0) / HEIGHT;
+    const double theta = -pi * a, phi = pi * (0.5 - b);
+    ray[0] = -sin(theta) * sin(phi);
+    ray[1] = cos(phi);
+    ray[2] = -cos(theta) * sin(phi);
+}
+
+// Ray of instant-ngp (latlong_to_dir) in axes x right, y down, z forward, as ray of nerfstudio.
+static void latlong_ray(const double pixel[2], double ray[3])
+{
+    const double pi = 3.14159265358979324, theta = (pixel[1] / HEIGHT - 0.5) * pi,
+                 phi = (pixel[0] / WIDTH - 0.5) * 2 * pi;
+    ray[0] = sin(phi) * cos(theta);
+    ray[1] = -sin(theta);
+    ray[2] = -cos(phi) * cos(theta);
+}
+
+// Camera-to-world: x along world y, backward along world x, upward along world z.
+static const double axes[3][3] = {{0, 0, 1}, {1, 0, 0}, {0, 1, 0}};
+
+static void assert_panorama(const sgs_view *view, void (*reference)(const double *, double *))
+{
+    static const double pixels[][2] = {{WIDTH / 2.0, HEIGHT / 2.0},
+                                       {48, 24},
+                                       {32, 6},
+                                       {0.5, 0.5},
+                                       {63.5, 40},
+                                       {10, 30},
+                                       {20, 47.5}};
+    for (size_t k = 0; k < sizeof pixels / sizeof *pixels; ++k) {
+        double ray[3], own[3];
+        reference(pixels[k], ray);
+        assert_true(sgs_camera_unproject(&view->camera, pixels[k], own));
+        for (int i = 0; i < 3; ++i) {
+            double expected = 0, got = 0;
+            for (int j = 0; j < 3; ++j) {
+                expected += axes[i][j] * ray[j];
+                got += view->pose.rotation[3 * j + i] * own[j];
+            }
+            if (!(fabs(expected - got) < 1e-12))
+                fail_msg("pixel %zu, axis %d: %g instead of %g", k, i, got, expected);
+        }
+    }
+}
+
+static void panoramas_have_the_rays_of_other_programs(void **state)
+{
+    static const struct {
+        const char *keys;
+        void (*reference)(const double *, double *);
+        bool warns;
+    } kinds[] = {
+        {"\"camera_model\": \"EQUIRECTANGULAR\"", nerfstudio_ray, false},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"fl_x\": 32, \"fl_y\": 48, "
+         "\"cx\": 32, \"cy\": 24",
+         nerfstudio_ray, false},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 128, \"h\": 96", nerfstudio_ray, false},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"fl_x\": 900",
+         nerfstudio_ray, true},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"k1\": 0.1", nerfstudio_ray,
+         true},
+        {"\"latlong\": true, \"camera_angle_x\": 0.7", latlong_ray, false},
+    };
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
+        const temp_folder folder = temp_folder_make();
+        char text[1024];
+        snprintf(text, sizeof text,
+                 "{%s, \"frames\": [{\"file_path\": \"images/a.png\", \"transform_matrix\": "
+                 "[[0,0,1,5],[1,0,0,6],[0,1,0,7],[0,0,0,1]]}]}",
+                 kinds[k].keys);
+        tree_put_text(&folder, "transforms.json", text);
+        tree_put_picture(&folder, "images/a.png", WIDTH, HEIGHT, 3, red);
+        sgs_scene *scene;
+        warnings_begin(state);
+        if (load(&folder, true, &scene))
+            fail_msg("case %zu: %s", k, sgs_last_error());
+        const sgs_view *view = &scene->views[0];
+        assert_int_equal(view->camera.model, SGS_CAMERA_EQUIRECTANGULAR);
+        assert_true(view->camera.width == WIDTH && view->camera.height == HEIGHT);
+        assert_int_equal(view->image.kept, WIDTH * HEIGHT);
+        assert_panorama(view, kinds[k].reference);
+        assert_int_equal(count_of(warnings, "shows all directions; focal length, principal point "
+                                            "and distortion are ignored"),
+                         kinds[k].warns);
+        sgs_scene_destroy(scene);
+        tree_remove(&folder);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -172,6 +266,7 @@ int main(void)
         cmocka_unit_test_setup(corners_of_few_pixels_and_fisheye_circles_are_usual, warnings_begin),
         cmocka_unit_test_setup(masks_of_lenses_with_rays_are_still_reported_as_masks,
                                warnings_begin),
+        cmocka_unit_test_setup(panoramas_have_the_rays_of_other_programs, warnings_begin),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

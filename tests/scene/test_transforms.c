@@ -276,8 +276,8 @@ static const struct {
      "frame 0: no focal length of the fisheye lens, which 'camera_angle_x' does not define"},
     {KEYS("\"fl_x\":5,\"camera_model\":7"), SGS_STATUS_FORMAT,
      "the global keys: 'camera_model' must be a string"},
-    {KEYS("\"fl_x\":5,\"camera_model\":\"EQUIRECTANGULAR\""), SGS_STATUS_UNSUPPORTED,
-     "frame 0: camera model 'EQUIRECTANGULAR' is not supported; supported: SIMPLE_PINHOLE, "
+    {KEYS("\"fl_x\":5,\"camera_model\":\"VR180_L\""), SGS_STATUS_UNSUPPORTED,
+     "frame 0: camera model 'VR180_L' is not supported; supported: SIMPLE_PINHOLE, "
      "PINHOLE, "
      "SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE"},
     {KEYS("\"fl_x\":5,\"k4\":1"), SGS_STATUS_UNSUPPORTED,
@@ -286,8 +286,8 @@ static const struct {
      "frame 0: camera model 'OPENCV_FISHEYE' has no k5; undistort the images"},
     {KEYS("\"fl_x\":5,\"ftheta_p0\":0"), SGS_STATUS_UNSUPPORTED,
      "the global keys: the lens of 'ftheta_p0' is not supported; convert the images"},
-    {KEYS("\"fl_x\":5,\"latlong\":true"), SGS_STATUS_UNSUPPORTED,
-     "the global keys: the lens of 'latlong' is not supported"},
+    {KEYS("\"fl_x\":5,\"latlong\":true,\"camera_model\":\"OPENCV\""), SGS_STATUS_FORMAT,
+     "frame 0: 'latlong' contradicts camera model 'OPENCV'; remove one of them"},
     {KEYS("\"fl_x\":5,\"latlong\":false,\"equirectangular\":true"), SGS_STATUS_UNSUPPORTED,
      "the global keys: the lens of 'equirectangular' is not supported"},
     {MASKED("7"), SGS_STATUS_FORMAT, "frame 0: 'mask_path' must be a string"},

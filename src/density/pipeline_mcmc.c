@@ -65,7 +65,7 @@ typedef struct chain_update {
 
 static size_t limit(size_t max_count, size_t initial)
 {
-    const size_t own = CAP_OF_INITIAL * initial < CAP_MOST ? CAP_OF_INITIAL * initial : CAP_MOST;
+    const size_t own = CAP_OF_INITIAL * initial < MAX_CAP ? CAP_OF_INITIAL * initial : MAX_CAP;
     if (max_count)
         return max_count;
     return own > initial ? own : initial;

@@ -178,7 +178,7 @@ static bool is_of_updates(const sgs_train_option *from)
 }
 
 // option.needs of a row: the pipelines, parts of SPARE-GS and schedules that read it.
-static const char *conditions_of(const sgs_train_option *from, char text[TEXT_MOST])
+static const char *conditions_of(const sgs_train_option *from, char text[MAX_TEXT])
 {
     const unsigned all = (1U << SGS_PIPELINE_COUNT) - 1;
     *text = 0;

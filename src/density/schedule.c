@@ -24,11 +24,13 @@
 //   faint and redundant primitives, mostly those that this limit kept. None is removed for its
 //   size: nothing would grow in its place. FastGS has its own final prunes.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
-//   third of the densification remains, or half a reset interval if that is shorter: opacities
-//   require some hundred visits to recover from 0.01, and the loss takes as long to settle.
+//   third of the densification remains, or 1500 iterations if that is less: opacities require some
+//   hundred visits to recover from 0.01, and the loss takes as long to settle. Their number follows
+//   from N, not from the photos.
 // - Learning rates other than the position's: constant as published, and in the last 30 % of a
 //   run below 30 000 iterations log-linear to a tenth at N = 7000. The final factor rises to 1 at N
-//   = 1000 and at N = 30 000. There is no check for equilibrium in this part.
+//   = 1000 and at N = 30 000; above 0.95 there is no decay. There is no check for equilibrium in
+//   this part.
 // - Rates of rotation and scale: twice the published ones up to N = 7500, sqrt(30 000 / N) times
 //   beyond.
 // - Rate of SH above degree 0: times views / 24 at N = 7000 if there are fewer than 24; the

@@ -4,8 +4,8 @@
 // Thinning follows a Morton curve, on which neighbours are mostly near in space. In each round
 // every second point may be removed, those nearest to their predecessor first. Neighbours are never
 // removed in the same round, so that a dense row keeps every other point. Distances alone would
-// give a small cap to the far background, where points are sparse: each run of RUN points along the
-// curve keeps at least FLOOR times its share.
+// give a small cap to the far background, where points are sparse: each run of points along the
+// curve keeps at least FLOOR times its share. Runs are long enough for SHARE points after thinning.
 
 #include "train/initial_selection.h"
 
@@ -18,7 +18,7 @@
 #include "density/pipeline.h"
 #include "model/opacity.h"
 
-enum { RUN = 64 };
+enum { MIN_RUN = 64, SHARE = 16 };
 #define FLOOR 0.5
 
 typedef struct ordered_point {
@@ -35,7 +35,7 @@ static int by_code(const void *a, const void *b)
     return p->index < q->index ? -1 : p->index > q->index;
 }
 
-static void order_points(const float *points, size_t n, ordered_point *order)
+static void order_points(const float *points, size_t n, size_t run, ordered_point *order)
 {
     float low[3], inv_size[3];
     for (size_t k = 0; k < 3; ++k) {
@@ -51,7 +51,7 @@ static void order_points(const float *points, size_t n, ordered_point *order)
             (ordered_point){.code = sgsi_morton_code(points + 3 * i, low, inv_size), .index = i};
     qsort(order, n, sizeof *order, by_code);
     for (size_t i = 0; i < n; ++i)
-        order[i].run = i / RUN;
+        order[i].run = i / run;
 }
 
 static double squared_distance(const float *a, const float *b)
@@ -62,20 +62,20 @@ static double squared_distance(const float *a, const float *b)
     return sum;
 }
 
-// Keeps no more candidates in the run [begin, end) than it may lose: those of highest score.
-static void limit_run(const double *score, size_t begin, size_t end, size_t may_lose,
-                      uint8_t *removable)
+// Keeps no more candidates among `count` points than may be lost: those of highest score. chosen
+// [count]: scratch.
+static sgs_status limit_run(const double *score, size_t count, size_t may_lose, uint8_t *removable,
+                            uint8_t *chosen)
 {
     size_t candidates = 0;
-    for (size_t i = begin; i < end; ++i)
+    for (size_t i = 0; i < count; ++i)
         candidates += removable[i];
-    for (; candidates > may_lose; --candidates) {
-        size_t worst = end;
-        for (size_t i = begin; i < end; ++i)
-            if (removable[i] && (worst == end || score[i] < score[worst]))
-                worst = i;
-        removable[worst] = 0;
-    }
+    if (candidates <= may_lose)
+        return SGS_STATUS_OK;
+    const sgs_status status = sgsi_select_best(score, removable, count, may_lose, chosen);
+    if (!status)
+        memcpy(removable, chosen, count);
+    return status;
 }
 
 // Removes up to `excess` of the *count points. may_lose [runs]; score [*count], marks [2 * *count]:
@@ -92,15 +92,17 @@ static sgs_status thin_once(const float *points, ordered_point *order, size_t *c
             i % 2 ? -squared_distance(points + 3 * order[i].index, points + 3 * order[i - 1].index)
                   : 0.0;
     }
-    for (size_t begin = 0, end = 0; begin < n; begin = end) {
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t begin = 0, end = 0; begin < n && !status; begin = end) {
         while (end < n && order[end].run == order[begin].run)
             ++end;
-        limit_run(score, begin, end, may_lose[order[begin].run], removable);
+        status = limit_run(score + begin, end - begin, may_lose[order[begin].run],
+                           removable + begin, removed + begin);
     }
-    const sgs_status status =
-        sgsi_select_best(score, removable, n, excess < most ? excess : most, removed);
+    if (!status)
+        status = sgsi_select_best(score, removable, n, excess < most ? excess : most, removed);
     *count = 0;
-    for (size_t i = 0; i < n; ++i) {
+    for (size_t i = 0; i < n && !status; ++i) {
         if (removed[i])
             --may_lose[order[i].run];
         else
@@ -109,24 +111,21 @@ static sgs_status thin_once(const float *points, ordered_point *order, size_t *c
     return status;
 }
 
-// may_lose [n / RUN + 1]: scratch, as of thin_once.
+// may_lose [n / MIN_RUN + 1]: scratch, as of thin_once.
 static sgs_status thin(const float *points, size_t n, size_t wanted, ordered_point *order,
                        size_t *may_lose, double *score, uint8_t *marks, uint8_t *chosen)
 {
+    const size_t enough = (SHARE * n + wanted - 1) / wanted,
+                 run = enough > MIN_RUN ? enough : MIN_RUN;
     sgs_status status = SGS_STATUS_OK;
     size_t count = n;
-    order_points(points, n, order);
-    for (size_t r = 0; r <= n / RUN; ++r) {
-        const size_t size = n - r * RUN < RUN ? n - r * RUN : RUN;
+    order_points(points, n, run, order);
+    for (size_t r = 0; r <= n / run; ++r) {
+        const size_t size = n - r * run < run ? n - r * run : run;
         may_lose[r] = size - (size_t)(FLOOR * (double)size * (double)wanted / (double)n);
     }
-    while (!status && count > wanted) {
-        const size_t before = count;
+    while (!status && count > wanted)
         status = thin_once(points, order, &count, count - wanted, may_lose, score, marks);
-        if (count == before) // the runs that may still lose points have no second one
-            for (size_t r = 0; r <= n / RUN; ++r)
-                may_lose[r] = RUN;
-    }
     memset(chosen, 0, n);
     for (size_t i = 0; i < count; ++i)
         chosen[order[i].index] = 1;
@@ -138,7 +137,7 @@ sgs_status sgsi_thin_points(const float *points, size_t n, size_t wanted, uint8_
     ordered_point *order = sgsi_alloc(n, sizeof *order);
     double *score = sgsi_alloc(n, sizeof *score);
     uint8_t *marks = sgsi_alloc(n, 2);
-    size_t *may_lose = sgsi_alloc(n / RUN + 1, sizeof *may_lose);
+    size_t *may_lose = sgsi_alloc(n / MIN_RUN + 1, sizeof *may_lose);
     sgs_status status;
     if (order && score && marks && may_lose)
         status = thin(points, n, wanted, order, may_lose, score, marks, chosen);

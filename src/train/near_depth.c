@@ -7,6 +7,7 @@
 #include <stdlib.h>
 
 #include "base/core.h"
+#include "train/trainer_state.h"
 
 enum { MAX_POINTS = 2048, MAX_VIEWS = 256 };
 // The median depth of a subject in the middle of the cameras is about 0.9 extents, so that this
@@ -39,11 +40,13 @@ static double depth_in(const sgs_view *view, const float *point)
 // number.
 static size_t collect_depths(const sgs_scene *scene, double *depths)
 {
+    size_t training = 0, order = 0, count = 0;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        training += scene->views[v].split == SGS_SPLIT_TRAIN;
     const size_t point_step = scene->point_count / MAX_POINTS + 1,
-                 view_step = scene->view_count / MAX_VIEWS + 1;
-    size_t count = 0;
-    for (size_t v = 0; v < scene->view_count; v += view_step) {
-        if (scene->views[v].split != SGS_SPLIT_TRAIN)
+                 view_step = training / MAX_VIEWS + 1;
+    for (size_t v = 0; v < scene->view_count; ++v) {
+        if (scene->views[v].split != SGS_SPLIT_TRAIN || order++ % view_step)
             continue;
         for (size_t i = 0; i < scene->point_count; i += point_step) {
             const double depth = depth_in(&scene->views[v], scene->points + 3 * i);
@@ -54,16 +57,24 @@ static size_t collect_depths(const sgs_scene *scene, double *depths)
     return count;
 }
 
-sgs_status sgsi_near_depth_limit(const sgs_scene *scene, double *share)
+sgs_status sgsi_near_depth_limit(const sgs_scene *scene, double *limit)
 {
     double *depths = sgsi_alloc((size_t)MAX_POINTS * MAX_VIEWS, sizeof *depths);
     if (!depths)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for the depths of points");
     const size_t count = collect_depths(scene, depths);
+    *limit = 0.0;
     if (count && scene->extent > 0.0) {
         qsort(depths, count, sizeof *depths, by_value);
-        *share = fmin(*share, MEDIAN_SHARE * depths[count / 2] / scene->extent);
+        *limit = MEDIAN_SHARE * depths[count / 2] / scene->extent;
     }
     sgsi_free(depths);
     return SGS_STATUS_OK;
+}
+
+void sgsi_trainer_limit_near_depth(sgs_trainer *trainer)
+{
+    const double limit = trainer->progress.near_limit;
+    const sgsi_schedule whole = sgsi_train_schedule(trainer->scene, &trainer->options);
+    trainer->schedule.near_depth = limit > 0.0 ? fmin(whole.near_depth, limit) : whole.near_depth;
 }

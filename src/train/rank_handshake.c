@@ -153,7 +153,7 @@ static sgs_status describe_views(FILE *out, const sgsi_train_views *views)
 }
 
 sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussians *model,
-                               sgs_ranks *ranks)
+                               double near_limit, sgs_ranks *ranks)
 {
     char hash[17];
     char *text = NULL, *program = sgs_rank_program_text();
@@ -166,6 +166,7 @@ sgs_status sgsi_rank_handshake(const sgsi_train_views *views, const sgs_gaussian
         sgs_gaussians_hash(model, hash);
         fprintf(out, "initial model: %s\n", hash);
         status = describe_views(out, views);
+        fprintf(out, "median depth of the points: %.17g\n", near_limit);
     }
     if ((!out || fclose(out)) && !status)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to describe %zu views",

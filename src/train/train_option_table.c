@@ -544,7 +544,8 @@ static const sgs_train_option table[] = {
      FIELD(spare_rap_visible),
      .help =
          "redundancy-aware pruning keeps primitives that no view has seen since the last update; "
-         "always in scaled runs with fewer iterations between updates than views",
+         "always in scaled runs below 30,000 iterations with fewer than two passes over the views "
+         "between updates",
      .group = spare_gs,
      ALL_PIPELINES,
      .spare = SGS_SPARE_RAP},

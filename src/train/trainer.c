@@ -90,9 +90,10 @@ static sgs_status create_parts(sgs_trainer *trainer, sgsi_float_mode caller_mode
     views->caller_mode = caller_mode;
     trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options);
     if (trainer->schedule.near_depth > 0.0)
-        status = sgsi_near_depth_limit(trainer->scene, &trainer->schedule.near_depth);
+        status = sgsi_near_depth_limit(trainer->scene, &trainer->progress.near_limit);
     if (status)
         return status;
+    sgsi_trainer_limit_near_depth(trainer);
     views->ssim_weight = (float)trainer->schedule.ssim_weight;
     views->ssim_sigma = (float)trainer->schedule.ssim_sigma;
     const bool has_init = trainer->options.init != NULL;
@@ -626,7 +627,8 @@ sgs_status sgs_trainer_ranks_set(sgs_trainer *trainer, sgs_ranks *ranks)
     announce_limit(trainer);
     status = sgs_ranks_agree(ranks, status);
     if (!status && ranks)
-        status = sgsi_rank_handshake(&trainer->views, trainer->model, ranks);
+        status = sgsi_rank_handshake(&trainer->views, trainer->model, trainer->progress.near_limit,
+                                     ranks);
     return status || !sgsi_trainer_is_shared(trainer) ? status : sgsi_trainer_share(trainer);
 }
 

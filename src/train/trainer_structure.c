@@ -17,14 +17,13 @@ static const double NOISE_GRID_QUANTILE = 0.01;
 
 // RAP takes a primitive without a gradient for redundant. One that no view has shown since the last
 // update has none either: in scaled runs, whose updates may follow before all views were trained,
-// it is kept.
+// it is kept. Each pass has its own order, so that 2 V - 1 iterations contain all of V views.
 static bool spares_unseen(const sgs_trainer *trainer)
 {
     const sgs_train_options *o = &trainer->options;
-    const double seen = (double)trainer->schedule.densify_interval * o->batch;
     return o->spare_rap_visible ||
            (o->schedule == SGS_SCHEDULE_SCALED && o->iterations < SGSI_PAPER_LENGTH &&
-            seen < (double)trainer->views.count);
+            (size_t)trainer->schedule.densify_interval + 1 < 2 * trainer->views.count);
 }
 
 static spare_options spare_settings(const sgs_trainer *trainer)

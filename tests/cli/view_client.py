@@ -534,14 +534,16 @@ def limited(url):
     page = Page(url)
     page.wait("hello")
     page.look(width=4096, height=4096, view=0)
-    sizes, text, end = [], "", time.monotonic() + 120
+    sizes, head, text, end = [], {}, "", time.monotonic() + 120
     while not text and time.monotonic() < end:
         kind, message = page.next()
         if kind == "picture":
-            sizes.append(message[0]["width"] * message[0]["height"])
+            head = message[0]
+            sizes.append(head["width"] * head["height"])
         text = message["text"] if kind == "error" else ""
     expect("the_page_is_told", "pictures have at most 2083333 pixels" in text, text)
     expect("pictures_fit_the_memory", sizes == sorted(sizes) and 2.0e6 < sizes[-1] <= 2083333, sizes)
+    expect("the_largest_picture_is_the_last_and_lossless", head["lossless"] and head.get("limited") is True, head)
     page.socket.send({"type": "exr"})
     text = page.wait("error")["text"]
     expect("an_exr_file_is_refused", "an EXR file of more than 1000000 pixels exceeds" in text, text)

@@ -298,6 +298,17 @@ function only_exact_images_are_saved() {
   shows(false);
   press();
   assert.match(say(), /paused/);
+
+  // The largest one that --max-memory permits is saved at its own size, and the page says so.
+  ({page, shows, saved, press, say} = start({training: true}));
+  page.run(`showPicture({serial: viewer.serial, lossless: true, limited: true, width: 320, height: 180,
+    full_width: 640, full_height: 360, seconds: 1, gaussians: 1, aov: 'rgba'}, {close() {}})`);
+  press();
+  assert.equal(saved(), 1);
+  assert.deepEqual([page.element('picture').width, page.element('picture').height], [320, 180]);
+  assert.match(say(), /320 × 180.*--max-memory/);
+  shows(true); // then another size permits the whole picture
+  assert.deepEqual([page.element('picture').width, page.element('picture').height], [640, 360]);
 }
 
 // ---- Clicks ----

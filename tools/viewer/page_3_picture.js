@@ -23,13 +23,15 @@ function layout() {
 }
 
 function showPicture(head, bitmap) {
-  if (picture.width !== head.full_width || picture.height !== head.full_height) {
-    picture.width = head.full_width;
-    picture.height = head.full_height;
+  // The last picture of a view with less memory than the size requires keeps its own size, so that it can be saved.
+  const width = head.limited ? head.width : head.full_width, height = head.limited ? head.height : head.full_height;
+  if (picture.width !== width || picture.height !== height) {
+    picture.width = width;
+    picture.height = height;
   }
   const context = picture.getContext('2d', {alpha: false});
-  context.imageSmoothingEnabled = head.width !== head.full_width;
-  context.drawImage(bitmap, 0, 0, head.full_width, head.full_height);
+  context.imageSmoothingEnabled = head.width !== width;
+  context.drawImage(bitmap, 0, 0, width, height);
   bitmap.close();
   const now = performance.now(), sent = viewer.sent.get(head.serial);
   viewer.shown.push([now, sent === undefined ? NaN : now - sent]);
@@ -163,14 +165,16 @@ function compareAgain() {
 
 function drawDifference(context) {
   if (byId('compare').value !== 'difference' || camera.view < 0 || !photoReady ||
-      picture.width !== overlay.width || picture.height !== overlay.height) return;
+      !viewer.frame || viewer.frame.full_width !== overlay.width || viewer.frame.full_height !== overlay.height) return;
   const width = overlay.width, height = overlay.height, gain = Number(byId('gain').value);
   const scratch = document.createElement('canvas');
   scratch.width = width;
   scratch.height = height;
   const other = scratch.getContext('2d');
+  other.drawImage(picture, 0, 0, width, height);
+  const b = other.getImageData(0, 0, width, height).data;
   other.drawImage(photo, 0, 0, width, height);
-  const a = other.getImageData(0, 0, width, height), b = picture.getContext('2d').getImageData(0, 0, width, height).data;
+  const a = other.getImageData(0, 0, width, height);
   for (let i = 0; i < b.length; ++i) if (i % 4 !== 3) a.data[i] = gain * Math.abs(a.data[i] - b[i]);
   context.putImageData(a, 0, 0);
 }

@@ -51,11 +51,13 @@ function isExact() {
 }
 
 function saveScreenshot() {
+  const {limited, width, height} = viewer.frame;
   screenshotOf = null;
   picture.toBlob((blob) => {
     if (!blob) { showMessage('Error: the browser cannot encode the image'); return; }
     viewer.saved = {kind: 'png', size: blob.size};
     download(modelName() + '.png', blob);
+    if (limited) showMessage(`Saved at ${width} × ${height}: --max-memory of the training limits the size`);
   });
 }
 

@@ -211,7 +211,8 @@ static int scaled(int size, double scale)
 }
 
 static json_t *frame_json(const view_render_thread *render, const render_task *task,
-                          const painted_picture *picture, double seconds, bool lossless)
+                          const painted_picture *picture, double seconds, bool lossless,
+                          bool limited)
 {
     const view_source *source = render->source;
     json_t *head = json_pack("{s:I,s:i,s:i,s:i,s:i,s:b,s:s,s:s,s:i,s:I,s:f}", "serial",
@@ -221,6 +222,8 @@ static json_t *frame_json(const view_render_thread *render, const render_task *t
                              "lossless", lossless, "encoding", lossless ? "png" : "jpeg", "aov",
                              aov_words[task->request.aov], "iteration", source->iteration,
                              "gaussians", (json_int_t)source->model->count, "seconds", seconds);
+    if (limited)
+        json_object_set_new(head, "limited", json_true());
     if (task->request.crop.preview != CROP_OFF)
         json_object_set_new(head, "removed", json_integer((json_int_t)picture->removed));
     if (picture->range.high > picture->range.low)
@@ -313,7 +316,8 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
     view_source *source = render->source;
     view_client *client = task->client;
     const view_request *request = &task->request;
-    const bool full = !request->moving && task->scale >= 1,
+    const double most = most_scale(render, request); // not larger at rest
+    const bool full = !request->moving && task->scale >= most,
                lossless = full && !(render->is_live && atomic_load(&render->share) < 1);
     const int width = scaled(request->camera.width, fmin(task->scale, 1)),
               height = scaled(request->camera.height, fmin(task->scale, 1));
@@ -330,7 +334,8 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
         done = lossless ? encode_png(&picture.image, &encoded)
                         : encode_jpeg(&picture.image,
                                       request->moving ? QUALITY_MOVING : QUALITY_REST, &encoded);
-        head = frame_json(render, task, &picture, clock_seconds() - start, lossless);
+        head =
+            frame_json(render, task, &picture, clock_seconds() - start, lossless, full && most < 1);
         sgs_image8_free(&picture.image);
     }
     pthread_mutex_unlock(&source->lock);

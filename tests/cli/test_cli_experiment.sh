@@ -124,7 +124,28 @@ job=$!
 until [ -s "$folder/locked" ]; do sleep 0.05; done
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error" || { echo "FAIL: did not wait"; cat "$folder/error"; exit 1; }
 wait "$job"
-grep -q "a training of an earlier experiment is saving; waiting" "$folder/error" || { cat "$folder/error"; exit 1; }
+grep -q "waiting up to 60 s for a training run left by an earlier experiment" "$folder/error" || { cat "$folder/error"; exit 1; }
+[ -e "$kept/summary.json" ]
+# A run whose folder is still in use after that is a failure, not a run of another job.
+rm -r "$kept/summary.json"
+exec 9>"$kept/.lock"
+flock -n 9
+status=0
+SPAREGS_WAIT_SECONDS=1 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error" 9>&- || status=$?
+[ $status = 1 ] || { echo "FAIL: status $status with an unfinished run"; cat "$folder/error"; exit 1; }
+grep -q "mip/off/seed_0: a training run still uses this folder after 1 s$" "$folder/error" || { cat "$folder/error"; exit 1; }
+grep -q "1 of 5 runs failed; rerun" "$folder/error" || { cat "$folder/error"; exit 1; }
+if grep -q "another experiment, skipped\|other jobs" "$folder/error"; then echo "FAIL: blames another job"; cat "$folder/error"; exit 1; fi
+# A stop while it waits is neither.
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error" 9>&- &
+job=$!
+until grep -q "waiting up to 60 s" "$folder/error"; do kill -0 $job; sleep 0.05; done
+kill -TERM $job
+status=0; wait $job || status=$?
+[ $status = 143 ] || { echo "FAIL: status $status after a signal"; cat "$folder/error"; exit 1; }
+if grep -q "skipped\|failed\|still uses\|other jobs" "$folder/error"; then echo "FAIL: blames something else"; cat "$folder/error"; exit 1; fi
+exec 9>&-
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet
 [ -e "$kept/summary.json" ]
 
 # Two jobs do not write the results at the same time: the second waits, then reads the runs of both.

@@ -477,22 +477,38 @@ static bool await_results(const experiment_plan *plan, const char *folder)
     return !missing;
 }
 
-// Waits for a training that an experiment which was killed has left: it saves its state. False if
-// it still works on the run after a minute, or after a request to stop.
-static bool await_orphan(const experiment_run *run)
+typedef enum run_claim {
+    CLAIM_TAKEN,
+    CLAIM_OTHERS, // another experiment works on the run
+    CLAIM_ORPHAN, // so does a training run that an earlier experiment has left
+    CLAIM_STOPPED // a request to stop came while waiting
+} run_claim;
+
+// For a training run of an earlier experiment: a large checkpoint on a slow disk may take longer.
+static int orphan_seconds(void)
 {
-    enum { SECONDS = 60 };
+    enum { SECONDS = 60, MAXIMUM = 86400 };
+    const char *text = getenv("SPAREGS_WAIT_SECONDS");
+    char *end = NULL;
+    const long seconds = text ? strtol(text, &end, 10) : SECONDS;
+    return end && (end == text || *end || seconds < 0 || seconds > MAXIMUM) ? SECONDS
+                                                                            : (int)seconds;
+}
+
+// Waits for a training that an experiment which was killed has left: it saves its state.
+static run_claim await_orphan(const experiment_run *run, int seconds)
+{
     char *path = format_text("%s/.lock", run->folder);
     bool busy = lock_file_is_busy(path);
     if (busy)
-        print_note("%s: a training of an earlier experiment is saving; waiting for at most %d s",
-                   run->folder, SECONDS);
-    for (int k = 0; busy && k < 10 * SECONDS && !interrupt_signal(); ++k) {
+        print_note("%s: waiting up to %d s for a training run left by an earlier experiment",
+                   run->folder, seconds);
+    for (int k = 0; busy && k < 10 * seconds && !interrupt_signal(); ++k) {
         nanosleep(&(struct timespec){.tv_nsec = 100000000}, NULL);
         busy = lock_file_is_busy(path);
     }
     free(path);
-    return !busy;
+    return interrupt_signal() ? CLAIM_STOPPED : busy ? CLAIM_ORPHAN : CLAIM_TAKEN;
 }
 
 // Adds the log of a run to the list, if it has one.
@@ -517,31 +533,27 @@ static char *see_log(json_t *logs)
     return text;
 }
 
-// Trains run i and executes its steps, unless another experiment does. Counts what is not complete,
-// and adds the log of a failure to `logs`. True if it is complete.
-static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS], json_t *logs)
+static void print_run(const experiment_plan *plan, size_t i, const char *state)
 {
     const experiment_run *run = &plan->runs[i];
-    int lock = -1;
-    const bool is_own = lock_run(run, &lock) && await_orphan(run);
-    if (is_own && !plan_agrees(run)) { // started meanwhile by an experiment with another plan
+    print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
+               run->pipeline, run->variant, run->seed, state);
+}
+
+// Trains run i, which is locked, and executes its steps: see do_run.
+static bool do_locked_run(const experiment_plan *plan, size_t i, int counts[COUNTS], json_t *logs)
+{
+    const experiment_run *run = &plan->runs[i];
+    if (!plan_agrees(run)) { // started meanwhile by an experiment with another plan
         ++counts[OTHER_PLANS];
-        if (lock >= 0)
-            close(lock);
         return false;
     }
     json_t *done = finished(run);
-    print_note("run %zu of %zu: %s, %s, %s, seed %d%s", i + 1, plan->count, run->scene,
-               run->pipeline, run->variant, run->seed,
-               !is_own ? ": in use by another experiment, skipped"
-               : done  ? ": already complete"
-                       : "");
+    print_run(plan, i, done ? ": already complete" : "");
     json_decref(done);
-    json_t *summary = is_own ? complete_run(run) : NULL;
+    json_t *summary = complete_run(run);
     const int failures = counts[FAILED_RUNS] + counts[FAILED_POINTS];
-    if (!is_own)
-        ++counts[OTHERS_RUNS];
-    else if (!summary)
+    if (!summary)
         counts[FAILED_RUNS] += !interrupt_signal();
     else
         counts[FAILED_POINTS] += run_post(plan, run, summary);
@@ -549,6 +561,32 @@ static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS], js
         add_log(run, logs);
     const bool complete = summary != NULL;
     json_decref(summary);
+    return complete;
+}
+
+// Trains run i and executes its steps, unless another experiment does. Counts what is not complete,
+// and adds the log of a failure to `logs`. True if it is complete.
+static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS], json_t *logs)
+{
+    const experiment_run *run = &plan->runs[i];
+    const int seconds = orphan_seconds();
+    int lock = -1;
+    bool complete = false;
+    switch (lock_run(run, &lock) ? await_orphan(run, seconds) : CLAIM_OTHERS) {
+    case CLAIM_TAKEN:
+        complete = do_locked_run(plan, i, counts, logs);
+        break;
+    case CLAIM_OTHERS:
+        print_run(plan, i, ": in use by another experiment, skipped");
+        ++counts[OTHERS_RUNS];
+        break;
+    case CLAIM_ORPHAN:
+        print_warning("%s: a training run still uses this folder after %d s", run->folder, seconds);
+        ++counts[FAILED_RUNS];
+        break;
+    case CLAIM_STOPPED:
+        break;
+    }
     if (lock >= 0)
         close(lock);
     return complete;

@@ -533,7 +533,7 @@ def limited(url):
     """Pictures and EXR files stay within the memory of a training with --max-memory, and the page is told. Stops the training."""
     page = Page(url)
     page.wait("hello")
-    page.look(width=4096, height=4096, view=0)
+    page.look(width=4096, height=4096, view=0, crop={"preview": "hide", "opacity": 0.5})
     sizes, head, text, end = [], {}, "", time.monotonic() + 120
     while not text and time.monotonic() < end:
         kind, message = page.next()
@@ -544,6 +544,7 @@ def limited(url):
     expect("the_page_is_told", "pictures have at most 2083333 pixels" in text, text)
     expect("pictures_fit_the_memory", sizes == sorted(sizes) and 2.0e6 < sizes[-1] <= 2083333, sizes)
     expect("the_largest_picture_is_the_last_and_lossless", head["lossless"] and head.get("limited") is True, head)
+    expect("no_crop_takes_memory_for_another_model", "removed" not in head, head)
     page.socket.send({"type": "exr"})
     text = page.wait("error")["text"]
     expect("an_exr_file_is_refused", "an EXR file of more than 1000000 pixels exceeds" in text, text)

@@ -88,8 +88,32 @@ static void a_job_keeps_the_camera_before_it(void **state)
     view_hub_close(&hub);
 }
 
+// Its memory limit has no room for the copy of the model that shows a crop, in pictures and values.
+static void a_training_shows_no_crops(void **state)
+{
+    (void)state;
+    for (int no_crop = 0; no_crop < 2; ++no_crop) {
+        view_hub hub;
+        view_hub_open(&hub, &views);
+        hub.greet = greeting;
+        hub.no_crop = no_crop;
+        view_client *client = view_hub_join(&hub, swallow, NULL);
+        assert_non_null(client);
+        receive(client, "{\"type\":\"camera\",\"serial\":1,\"width\":64,\"height\":48,\"view\":0,"
+                        "\"crop\":{\"preview\":\"hide\",\"opacity\":0.5}}");
+        receive(client, "{\"type\":\"probe\",\"x\":1,\"y\":2}");
+        const crop_show mode = no_crop ? CROP_OFF : CROP_HIDE;
+        assert_int_equal(client->request.crop.preview, mode);
+        assert_int_equal(client->jobs[0].request.crop.preview, mode);
+        view_hub_stop(&hub);
+        view_hub_leave(client);
+        view_hub_close(&hub);
+    }
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_job_keeps_the_camera_before_it)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_job_keeps_the_camera_before_it),
+                                       cmocka_unit_test(a_training_shows_no_crops)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -239,6 +239,8 @@ bool view_hub_receive(view_client *client, const char *text, size_t size)
     view_hub *hub = client->hub;
     view_message message;
     const char *problem = view_message_parse(text, size, hub->views, &message);
+    if (!problem && hub->no_crop)
+        message.request.crop.preview = CROP_OFF;
     pthread_mutex_lock(&hub->lock);
     const bool open = !hub->stopping && !client->broken;
     if (problem)

@@ -67,6 +67,7 @@ typedef struct view_hub {
     // Receives the action of a page; NULL: pages cannot control a run.
     void (*act)(void *context, run_action action);
     void *act_context;
+    bool no_crop; // crops are not shown: they take the memory of another model
 } view_hub;
 
 void view_hub_open(view_hub *hub, const camera_list *views);

@@ -64,6 +64,7 @@ bool view_session_start(view_session *session, const view_session_options *optio
     session->hub.greet_context = session;
     session->hub.act = session->act;
     session->hub.act_context = session->run_context;
+    session->hub.no_crop = options->training; // --max-memory reserves one model and its BVH
     session->render.hub = &session->hub;
     session->render.source = &session->source;
     session->render.history = history;

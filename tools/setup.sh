@@ -24,6 +24,7 @@ required=(
 )
 optional=(
     libopenmpi-dev openmpi-bin # ranks on several machines
+    nodejs                     # test of the scripts of the pages
 )
 if [ "${1:-}" = --long ]; then
     optional+=(
@@ -34,7 +35,6 @@ if [ "${1:-}" = --long ]; then
         libmpich-dev mpich               # ranks by another MPI library
         slurm-wlm munge                  # the job script of tools/manual/cluster.md
         chromium                         # the pages of `report` and `view`
-        nodejs                           # the scripts of these pages without a browser
         python3-torch                    # reference values of LPIPS and RAP
         clang-16                         # another compiler, on Debian 12
     )

@@ -15,6 +15,8 @@ PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" >"$temporary/out" 2>"$temp
 for package in cmake libembree-dev libopenimageio-dev libjansson-dev; do
     grep -q "^ *$package$" "$temporary/err" || { echo "FAIL: $package is not in the list"; cat "$temporary/err"; exit 1; }
 done
+# the_test_of_the_pages_is_not_only_a_long_one
+grep -q '^ *nodejs$' "$temporary/err" || { echo "FAIL: nodejs is not in the list"; cat "$temporary/err"; exit 1; }
 # setup_for_the_long_tests_lists_more
 PATH=$temporary bash "$SPAREGS_SOURCE/tools/setup.sh" --long 2>"$temporary/err"
 for package in cmake clang cppcheck clang-tidy gcovr colmap; do

@@ -159,6 +159,20 @@ sleep 1.5
 exec 9>&-
 wait "$job"
 [ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
+# A signal ends the wait.
+exec 9>"$folder/out/.results"
+flock -n 9
+"$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error" 9>&- &
+job=$!
+until grep -q "run 1 of 5.*already complete" "$folder/error"; do kill -0 $job; sleep 0.05; done
+sleep 0.5
+kill -TERM $job
+for _ in $(seq 100); do kill -0 $job 2>/dev/null || break; sleep 0.1; done
+if kill -0 $job 2>/dev/null; then echo "FAIL: waits in spite of a signal"; kill -KILL $job; exit 1; fi
+status=0; wait $job || status=$?
+[ $status = 143 ] || { echo "FAIL: status $status after a signal"; cat "$folder/error"; exit 1; }
+exec 9>&-
+[ "$(jq '.runs | length' "$folder/out/results.json")" = 5 ]
 
 # Another plan in the same folder is refused before the first run, unless the difference does not affect results.
 cp "$folder/plan.json" "$folder/same.json"

@@ -340,13 +340,14 @@ static bool write_results_locked(const experiment_plan *plan, const char *folder
 }
 
 // The same. Another experiment with the same plan, which may complete a run now, waits: otherwise
-// the older list of runs could replace the newer one.
+// the older list of runs could replace the newer one. After a request to stop, nothing is written
+// while the other one works: the next experiment adds the missing runs.
 static bool write_results(const experiment_plan *plan, const char *folder)
 {
     int lock;
     char *path = format_text("%s/.results", folder);
-    lock_file_wait(path, &lock);
-    const bool written = write_results_locked(plan, folder);
+    const bool written =
+        lock_file_wait(path, &lock) == LOCK_BUSY || write_results_locked(plan, folder);
     if (lock >= 0)
         close(lock);
     free(path);

@@ -6,7 +6,10 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <sys/file.h>
+#include <time.h>
 #include <unistd.h>
+
+#include "cli/interrupt.h"
 
 static lock_result take(const char *path, int flags, int operation, int *descriptor)
 {
@@ -33,7 +36,12 @@ lock_result lock_file_take(const char *path, int *descriptor)
 
 lock_result lock_file_wait(const char *path, int *descriptor)
 {
-    return take(path, O_RDWR | O_CREAT, LOCK_EX, descriptor);
+    lock_result result = lock_file_take(path, descriptor);
+    while (result == LOCK_BUSY && !interrupt_signal()) {
+        nanosleep(&(struct timespec){.tv_nsec = 50000000}, NULL);
+        result = lock_file_take(path, descriptor);
+    }
+    return result;
 }
 
 bool lock_file_is_busy(const char *path)

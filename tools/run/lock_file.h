@@ -17,8 +17,7 @@ typedef enum lock_result {
 // Creates the file if necessary; it stays, empty. *descriptor is -1 unless the lock is taken.
 lock_result lock_file_take(const char *path, int *descriptor);
 
-// The same, but waits while another process has the lock: for work of milliseconds. Never
-// LOCK_BUSY.
+// The same, but waits while another process has the lock, until a request to stop: then LOCK_BUSY.
 lock_result lock_file_wait(const char *path, int *descriptor);
 
 // True if another process has the lock of the file. Does not create the file.

@@ -111,8 +111,8 @@ static sgs_status read_intrinsics(const reader *r, const json_t *object, intrins
         out->model = json_string_value(model);
     out->fisheye = out->fisheye || json_is_true(json_object_get(object, "is_fisheye"));
     const json_t *panorama = json_object_get(object, "latlong");
-    if (panorama)
-        out->panorama = !json_is_null(panorama) && !json_is_false(panorama);
+    if (panorama && !json_is_null(panorama))
+        out->panorama = !json_is_false(panorama);
     return check_lens(r, object);
 }
 

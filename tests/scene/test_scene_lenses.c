@@ -216,28 +216,30 @@ static void assert_panorama(const sgs_view *view, void (*reference)(const double
 static void panoramas_have_the_rays_of_other_programs(void **state)
 {
     static const struct {
-        const char *keys;
+        const char *keys, *frame_keys;
         void (*reference)(const double *, double *);
         bool warns;
     } kinds[] = {
-        {"\"camera_model\": \"EQUIRECTANGULAR\"", nerfstudio_ray, false},
+        {"\"camera_model\": \"EQUIRECTANGULAR\"", "", nerfstudio_ray, false},
         {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"fl_x\": 32, \"fl_y\": 48, "
          "\"cx\": 32, \"cy\": 24",
-         nerfstudio_ray, false},
-        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 128, \"h\": 96", nerfstudio_ray, false},
-        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"fl_x\": 900",
+         "", nerfstudio_ray, false},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 128, \"h\": 96", "", nerfstudio_ray, false},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"fl_x\": 900", "",
          nerfstudio_ray, true},
-        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"k1\": 0.1", nerfstudio_ray,
-         true},
-        {"\"latlong\": true, \"camera_angle_x\": 0.7", latlong_ray, false},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"k1\": 0.1", "",
+         nerfstudio_ray, true},
+        {"\"latlong\": true, \"camera_angle_x\": 0.7", "", latlong_ray, false},
+        {"\"latlong\": true", "\"latlong\": null, ", latlong_ray, false}, // null: absent
+        {"\"latlong\": false", "\"latlong\": true, ", latlong_ray, false},
     };
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
         const temp_folder folder = temp_folder_make();
         char text[1024];
         snprintf(text, sizeof text,
-                 "{%s, \"frames\": [{\"file_path\": \"images/a.png\", \"transform_matrix\": "
+                 "{%s, \"frames\": [{%s\"file_path\": \"images/a.png\", \"transform_matrix\": "
                  "[[0,0,1,5],[1,0,0,6],[0,1,0,7],[0,0,0,1]]}]}",
-                 kinds[k].keys);
+                 kinds[k].keys, kinds[k].frame_keys);
         tree_put_text(&folder, "transforms.json", text);
         tree_put_picture(&folder, "images/a.png", WIDTH, HEIGHT, 3, red);
         sgs_scene *scene;

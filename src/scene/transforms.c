@@ -248,15 +248,18 @@ static bool is_panorama(const intrinsics *in)
     return in->model ? !strcmp(in->model, PANORAMA) : in->panorama;
 }
 
-// nerfstudio writes w/2, h, w/2 and h/2 as fl_x, fl_y, cx and cy of a full panorama.
+// nerfstudio writes w/2, h, w/2 and h/2 as fl_x, fl_y, cx and cy of a full panorama. Without a
+// size, none is known to be one of these.
 static bool is_of_panorama(const intrinsics *in, const sgs_camera *camera)
 {
     static const enum key keys[] = {KEY_FL_X, KEY_FL_Y, KEY_CX, KEY_CY};
     const double full[] = {0.5 * camera->width, camera->height, 0.5 * camera->width,
                            0.5 * camera->height};
     bool is = true;
-    for (size_t i = 0; i < sizeof keys / sizeof *keys && camera->width; ++i)
-        is = is && !(fabs(in->value[keys[i]] - full[i]) > 1.0);
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i) {
+        const double value = in->value[keys[i]];
+        is = is && (isnan(value) || (camera->width && fabs(value - full[i]) <= 1.0));
+    }
     return is;
 }
 

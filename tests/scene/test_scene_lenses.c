@@ -229,6 +229,8 @@ static void panoramas_have_the_rays_of_other_programs(void **state)
          nerfstudio_ray, true},
         {"\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 64, \"h\": 48, \"k1\": 0.1", "",
          nerfstudio_ray, true},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"fl_x\": 900", "", nerfstudio_ray, true},
+        {"\"camera_model\": \"EQUIRECTANGULAR\", \"cy\": 24", "", nerfstudio_ray, true},
         {"\"latlong\": true, \"camera_angle_x\": 0.7", "", latlong_ray, false},
         {"\"latlong\": true", "\"latlong\": null, ", latlong_ray, false}, // null: absent
         {"\"latlong\": false", "\"latlong\": true, ", latlong_ray, false},

@@ -202,9 +202,9 @@ function the_orbit_centre_lies_in_front_of_the_cameras_of_a_path() {
 
 function fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields() {
   // What a press of half a second changes.
-  const flown = (key, code, focus) => {
+  const flown = (key, code, focus, panel = null) => {
     const page = viewerPage(), document = page.sandbox.document;
-    document.activeElement = focus ? Object.assign(page.element('focused'), {tagName: focus}) : document.body;
+    document.activeElement = focus ? Object.assign(page.element('focused'), {tagName: focus, closest: (name) => (name === '#panel' ? panel : null)}) : document.body;
     const before = page.run('camera.position.slice()');
     const pressed = document.dispatch('keydown', {key, code});
     for (let k = 0; k < 6; ++k) { page.pass(100); }
@@ -226,7 +226,10 @@ function fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields() {
   }
   assert.equal(flown('Enter', 'Enter', 'BUTTON').prevented, false);
   assert.equal(flown('ArrowLeft', 'ArrowLeft', 'INPUT').prevented, false);
-  assert.equal(flown('ArrowLeft', 'ArrowLeft', 'BUTTON').prevented, true);
+  assert.equal(flown('ArrowLeft', 'ArrowLeft', 'CANVAS').prevented, true);
+  assert.equal(flown('Home', 'Home', 'CANVAS').prevented, true);
+  for (const key of ['ArrowDown', 'Home']) assert.equal(flown(key, key, 'BUTTON', {}).prevented, false); // scrolls the panel
+  near(flown('w', 'KeyW', 'BUTTON', {}).forward, plain.forward, 1e-9);
 }
 
 function a_form_field_or_another_window_ends_the_flight() {

@@ -334,13 +334,17 @@ function flyStep(time) {
 
 const takesKeys = (at) => Boolean(at) && ['INPUT', 'SELECT', 'TEXTAREA'].includes(at.tagName);
 
-// Keys act wherever the focus is, except in form fields; Enter also presses buttons.
+const inPanel = (at) => Boolean(at) && Boolean(at.closest('#panel'));
+
+// Keys act wherever the focus is, except in form fields; Enter also presses buttons. Arrows and Home scroll the panel.
 document.addEventListener('keydown', (event) => {
   const key = event.key.toLowerCase(), at = document.activeElement;
   if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || !viewer.hello || takesKeys(at)) return;
   if (flyKeys.includes(event.code)) {
     held.add(event.code);
     if (!flying) requestAnimationFrame((time) => { flying = time; flyStep(time); });
+  } else if ((key.startsWith('arrow') || key === 'home') && inPanel(at)) {
+    return;
   } else if (key.startsWith('arrow')) {
     const dx = (key === 'arrowright') - (key === 'arrowleft'), dy = (key === 'arrowdown') - (key === 'arrowup');
     if (event.shiftKey) pan(0.03 * dx, 0.03 * dy);

@@ -84,7 +84,7 @@ start controlled --iterations 100000
 page control "$temporary/controlled"
 ends 130
 check stopped_by_the_page test "$(jq -r .stop_reason "$temporary/controlled/summary.json")" = signal
-check the_viewer_is_named test "$(jq -r .stop_text "$temporary/controlled/summary.json")" = "stopped by the viewer"
+check the_viewer_is_named test "$(jq -r .stop_text "$temporary/controlled/summary.json")" = "stopped from the viewer"
 check it_can_be_resumed test -e "$temporary/controlled/checkpoint/state.bin"
 
 # a_page_cannot_end_a_training_with_max_memory: it requests more than the memory that is reserved for it
@@ -102,12 +102,12 @@ start both --iterations 100000
 wait_for '^100,' "$temporary/both/train.csv"
 python3 "$client" "$url" action stop &
 first=$!
-wait_for 'stopped by the viewer' "$temporary/stderr"
+wait_for 'stopped from the viewer' "$temporary/stderr"
 kill -TERM "$training"
 status=0
 wait "$training" || status=$?
 wait "$first"
-reports 'sparegs: stopped by the viewer; saving'
+reports 'sparegs: stopped from the viewer; saving'
 check its_status_is_that_of_a_saved_stop test "$status" -eq 143 -o "$status" -eq 130
 check it_is_saved test -e "$temporary/both/checkpoint/state.bin"
 small+=(--quiet)

@@ -314,6 +314,19 @@ function only_exact_images_are_saved() {
   assert.deepEqual([page.element('picture').width, page.element('picture').height], [640, 360]);
 }
 
+// ---- Regions ----
+
+function a_region_is_over_or_under_its_quota() {
+  const region = (count) => {
+    const page = viewerPage();
+    page.sandbox.message = {type: 'region', voxel: 7, updates: [{iteration: 10, count, quota: 20, center: [0, 0, 0]}]};
+    page.run('listeners.region.forEach((call) => call(message))');
+    return page.element('regionText').textContent;
+  };
+  assert.match(region(21), /21 primitives, quota 20: over quota$/);
+  assert.match(region(19), /19 primitives, quota 20: under quota$/);
+}
+
 // ---- Clicks ----
 
 function a_double_click_asks_for_no_ray_and_a_click_for_one() {
@@ -343,7 +356,7 @@ const checks = [
   missing_values_leave_the_report_complete, only_identical_pictures_have_an_infinite_psnr, a_section_that_fails_leaves_a_line_and_the_others,
   addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
   fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields, a_form_field_or_another_window_ends_the_flight,
-  only_exact_images_are_saved, a_double_click_asks_for_no_ray_and_a_click_for_one,
+  only_exact_images_are_saved, a_region_is_over_or_under_its_quota, a_double_click_asks_for_no_ray_and_a_click_for_one,
 ];
 
 let failed = 0;

@@ -26,7 +26,7 @@ bool training_stopped_early(const training *run)
 
 const char *training_stop_text(const training *run)
 {
-    return interrupt_is_request() && run->stop == SGS_STOP_SIGNAL ? "stopped by the viewer"
+    return interrupt_is_request() && run->stop == SGS_STOP_SIGNAL ? "stopped from the viewer"
            : run->stop == SGS_STOP_SIGNAL                         ? "stopped by a signal"
            : run->stop == SGS_STOP_TIME_LIMIT                     ? "stopped by --time-limit"
            : run->stop == SGS_STOP_MEMORY_LIMIT                   ? "stopped by --max-memory"

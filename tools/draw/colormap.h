@@ -39,5 +39,5 @@ bool positions_colored(const float *const position[3], const value_range ranges[
 bool ids_colored(const uint32_t *ids, int width, int height, sgs_image8 *out);
 
 // Slack through tanh, as in SPARE-GS's weight: negative towards red (over quota), 0 light grey,
-// positive towards blue (under budget). Black where `ids` is SGS_NO_PRIMITIVE.
+// positive towards blue (under quota). Black where `ids` is SGS_NO_PRIMITIVE.
 bool slack_colored(const float *slack, const uint32_t *ids, int width, int height, sgs_image8 *out);

@@ -185,7 +185,7 @@ onMessage('region', (message) => {
   }
   const last = updates[updates.length - 1];
   byId('regionText').textContent = last ? `Region ${message.voxel} around (${last.center.map((c) => number(c, 3)).join(', ')}): ` +
-    `${last.count} primitives, quota ${number(last.quota)}: ${last.count > last.quota ? 'over' : 'under'} budget` :
+    `${last.count} primitives, quota ${number(last.quota)}: ${last.count > last.quota ? 'over' : 'under'} quota` :
     `Region ${message.voxel}: no primitives at any update`;
   const x = updates.map((update) => update.iteration);
   plot(byId('regionPlot'), 'primitives', [{x, y: updates.map((update) => update.count), name: 'count'},

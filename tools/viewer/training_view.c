@@ -105,7 +105,7 @@ static void act(void *context, run_action action)
         break;
     case RUN_STOP:
         if (!interrupt_signal())
-            print_note("stopped by the viewer; saving");
+            print_note("stopped from the viewer; saving");
         interrupt_request();
         break;
     }

@@ -95,6 +95,7 @@ for path in /../../etc/passwd /%2e%2e/%2e%2e/etc/passwd /photo/../../../etc/pass
     check "no_file: $path" bash -c "! grep -q 'root:\|\"options\"' '$temporary/body'"
 done
 code 403 "$base/" -H 'Host: evil.example'
+check the_options_of_both_commands_are_named grep -qF 'requires a token (--token, or --view-token of train) and the header' "$temporary/body"
 code 403 "$base/" -H "Host: evil.example:${base##*:}"
 code 403 "$base/" -H 'Origin: http://evil.example'
 code 403 "$base/photo/0" -H 'Origin: null'

@@ -256,8 +256,9 @@ static int answer_request(struct mg_connection *connection)
                            "a token is required: open the address that sparegs printed");
     if (access != 200)
         return send_status(connection, access,
-                           "this host or origin is not allowed; a reverse proxy requires --token "
-                           "and the header Host or X-Forwarded-Host of the browser");
+                           "this host or origin is not allowed; a reverse proxy requires a token "
+                           "(--token, or --view-token of train) and the header Host or "
+                           "X-Forwarded-Host of the browser");
     return route(server, connection, info, &request);
 }
 

@@ -200,7 +200,7 @@ static int send_photo(view_server *server, struct mg_connection *connection, lon
         return send_status(connection, 507, "the photo exceeds the memory of the viewer");
     switch (photo_queue_get(&server->photos, (size_t)index, use, &picture)) {
     case PHOTO_STOPPED:
-        return send_status(connection, 503, "sparegs ends");
+        return send_status(connection, 503, "sparegs is shutting down");
     case PHOTO_UNREADABLE:
         return send_status(connection, 404, "the photo cannot be read");
     case PHOTO_MADE:

@@ -20,7 +20,6 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "base/sh.h"
 #include "formats/color_marks.h"
 #include "formats/model_format.h"
 #include "formats/model_rows.h"
@@ -485,8 +484,7 @@ typedef struct row_writer {
 static uint8_t base_color(const sgs_gaussians *model, size_t row, int channel)
 {
     const float coefficient = *sgs_gaussians_at(model, row, SGS_PARAM_SH_DC + channel);
-    const double color = 0.5 + SGSI_SH_C0 * (double)coefficient;
-    return (uint8_t)(255.0 * fmin(fmax(color, 0.0), 1.0) + 0.5);
+    return sgsi_unorm8(sgsi_color_from_dc((double)coefficient));
 }
 
 static uint8_t *put_point(const row_writer *writer, size_t row, uint8_t *at)

@@ -138,7 +138,7 @@ typedef struct sgs_model_write_options {
     sgs_progress_fn progress;
     void *progress_user;
     // Recorded if the format can record them, and they are linear or the white point is known;
-    // `named` is ignored.
+    // `space_known` is ignored.
     sgs_model_colors colors;
     // HTML: the up axis of the page, world, any length. Zero: the mean up axis of the cameras.
     double up[3];

@@ -144,10 +144,24 @@ static bool find_task(view_render_thread *render, render_task *task)
     return false;
 }
 
+// The model does not change any more: complete pictures of it are drawn again, without loss.
+static void renew_exact(view_render_thread *render)
+{
+    const bool exact = atomic_load(&render->share) >= 1, begins = exact && !render->exact;
+    render->exact = exact;
+    for (int i = 0; i < HUB_CLIENTS && begins; ++i) {
+        view_client *client = &render->hub->clients[i];
+        if (client->used && client->has_request && !client->request.moving &&
+            !(client->next_scale > 0))
+            client->next_scale = client->drawn_scale;
+    }
+}
+
 // A new copy of the model: all pages at rest are drawn again, at the size that they show.
 static void renew(view_render_thread *render)
 {
     const uint64_t version = atomic_load(&render->source->version);
+    renew_exact(render);
     if (version == render->version)
         return;
     render->version = version;

@@ -28,6 +28,7 @@ typedef struct view_render_thread {
     view_painter painter;
     double copied;    // time of the last copy of the model
     uint64_t version; // of the model drawn last
+    bool exact;       // the share was 1
     double slice;     // start of the current stretch of work
     double owed;      // seconds to sleep for the share
 } view_render_thread;

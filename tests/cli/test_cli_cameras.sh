@@ -65,7 +65,7 @@ check one_frame test "$(pictures "$temporary/spiral" exr)" = 'spiral_00002.exr '
 check size_is_as_requested test "$(size_of "$temporary/spiral/spiral_00002.exr")" = 50x40
 run 1 render "$model" "$room" --orbit 4 --frames 4-9 -o "$temporary/none"
 one_line
-reports "the frames are 0 to 3"
+reports "choose from the frames 0 to 3"
 for bad in '--frames 3-1' '--frames x' '--frames 1:' '--frames 1-2:0' '--size 10' '--size 0x5' '--size 5x70000' '--orbit 0' \
     '--spiral -1' '--first-frame -1' '--first-frame 1.5' '--spp 0' '--spp 5000' '--aperture -1' '--focus -2' '--fps 0' '--projection flat'; do
     # shellcheck disable=SC2086

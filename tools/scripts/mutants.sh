@@ -66,7 +66,7 @@ rate_of_opacity | test_schedule_effect | return \(float\)trainer->schedule\.lr_o
 late_removal | test_schedule | return late \|\| sgsi_schedule_is_thinning\(schedule, iteration\) \? (schedule->late_removal) : 0\.0 | return ${1}
 thinning_prunes_large | test_schedule | return sgsi_schedule_is_structural\(schedule, iteration\) && schedule->reset_interval | return schedule->reset_interval
 faintest_first | test_density | = -\(double\)columns->opacity\[i\]; | = (double)columns->opacity[i];
-spread_of_a_division | test_mcmc_short | (move_in_covariance\(params, )moves->spread | ${1}0.9 * moves->spread
+jitter_of_a_duplicate | test_mcmc_short | (move_in_covariance\(params, )moves->jitter | ${1}0.9 * moves->jitter
 spread_beside_a_given_noise | test_mcmc_short | train->pipeline_options\.mcmc_noise < 0\.0 \? sgsi_run | true ? sgsi_run
 draws_by_gradient | test_mcmc_short | shortness \* relative | shortness * relative * relative
 growth_to_the_cap | test_mcmc_short | CAP_REACHED = 0\.2 | CAP_REACHED = 0.25

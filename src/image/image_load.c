@@ -3,8 +3,10 @@
 
 // The functions of image_oiio.h in the program: the first call loads the plug-in.
 
+#include <dlfcn.h>
 #include <pthread.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "base/core.h"
 #include "base/plugin.h"
@@ -17,10 +19,22 @@ static bool loaded;
 static char reason[512] = "it is neither next to the program nor in " SGSI_PLUGIN_DIR;
 static sgsi_image_functions functions;
 
+// Loads the libraries of OpenImageIO one by one, so that the loader searches each one's symbols
+// among its own libraries instead of all 260: a third less time than for all at once. One that is
+// missing is left to the loader of the plug-in.
+static void load_needs(void)
+{
+    char names[] = SGSI_OIIO_NEEDS, *rest = names;
+    for (char *name; (name = strsep(&rest, " "));)
+        if (*name)
+            dlopen(name, RTLD_LAZY | RTLD_LOCAL);
+}
+
 static void load_plugin(void)
 {
     const sgsi_image_host host = {
         .record_error = sgsi_record_error, .alloc = sgsi_alloc, .release = sgsi_free};
+    load_needs();
     void *plugin = sgsi_plugin_load(NULL, PLUGIN, false, reason, sizeof reason);
     sgsi_image_plugin_open_fn open_fn;
     if (!plugin ||

@@ -122,7 +122,7 @@ static sgs_status make_room(sgsi_density_columns *columns, const sgsi_statistics
 }
 
 // Rows that an update may replace at the cap. With a limit on removal, they count as removed.
-static size_t replaced_most(const sgsi_density_options *options, size_t count, size_t survivors)
+static size_t max_replaced(const sgsi_density_options *options, size_t count, size_t survivors)
 {
     const size_t share = (size_t)(REPLACED_SHARE * (double)options->max_count);
     if (options->opacity_is_reset)
@@ -149,7 +149,7 @@ sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_c
     size_t room = survivors < cap ? cap - survivors : 0;
     if (wanted <= room)
         return SGS_STATUS_OK;
-    const size_t lacking = wanted - room, most = replaced_most(options, n, survivors);
+    const size_t lacking = wanted - room, most = max_replaced(options, n, survivors);
     sgs_status status = make_room(columns, statistics, lacking < most ? lacking : most, &made);
     room += made;
     if (status || wanted <= room)

@@ -580,7 +580,6 @@ static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, cons
     if (status)
         return status;
     trainer->progress = *progress;
-    sgsi_trainer_limit_near_depth(trainer);
     sgsi_free((void *)trainer->regions.regions); // of the state before
     trainer->regions = (sgs_regions){0};
     trainer->stop_text[progress->stop ? sizeof trainer->stop_text - 1 : 0] = 0;

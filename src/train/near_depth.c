@@ -6,19 +6,13 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/compare.h"
 #include "base/core.h"
-#include "train/trainer_state.h"
 
 enum { MAX_POINTS = 2048, MAX_VIEWS = 256 };
 // The median depth of a subject in the middle of the cameras is about 0.9 extents, so that this
 // changes nothing there.
 #define MEDIAN_SHARE 0.45
-
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 // Depth of a point as growth measures it: along the axis, or the distance for fisheye lenses and
 // panoramas. 0 if the image does not contain the point.
@@ -65,16 +59,9 @@ sgs_status sgsi_near_depth_limit(const sgs_scene *scene, double *limit)
     const size_t count = collect_depths(scene, depths);
     *limit = 0.0;
     if (count && scene->extent > 0.0) {
-        qsort(depths, count, sizeof *depths, by_value);
+        qsort(depths, count, sizeof *depths, sgsi_compare_doubles);
         *limit = MEDIAN_SHARE * depths[count / 2] / scene->extent;
     }
     sgsi_free(depths);
     return SGS_STATUS_OK;
-}
-
-void sgsi_trainer_limit_near_depth(sgs_trainer *trainer)
-{
-    const double limit = trainer->progress.near_limit;
-    const sgsi_schedule whole = sgsi_train_schedule(trainer->scene, &trainer->options);
-    trainer->schedule.near_depth = limit > 0.0 ? fmin(whole.near_depth, limit) : whole.near_depth;
 }

@@ -93,7 +93,6 @@ static sgs_status create_parts(sgs_trainer *trainer, sgsi_float_mode caller_mode
         status = sgsi_near_depth_limit(trainer->scene, &trainer->progress.near_limit);
     if (status)
         return status;
-    sgsi_trainer_limit_near_depth(trainer);
     views->ssim_weight = (float)trainer->schedule.ssim_weight;
     views->ssim_sigma = (float)trainer->schedule.ssim_sigma;
     const bool has_init = trainer->options.init != NULL;

@@ -84,7 +84,7 @@ static sgsi_optimize settings(const sgs_trainer *trainer, const sgsi_train_view 
                            .gradient_scale = 1.0f,
                            .abs_grad_norm = trainer->pipeline->abs_grad_norm,
                            .near_depth =
-                               (float)(trainer->schedule.near_depth * trainer->scene->extent),
+                               (float)(sgsi_trainer_near_depth(trainer) * trainer->scene->extent),
                            .tan_half_x = 0.5f * (float)camera->width / view->view.rays->fx,
                            .tan_half_y = 0.5f * (float)camera->height / view->view.rays->fy};
 }

@@ -32,7 +32,7 @@ typedef struct sgsi_train_progress {
     sgsi_pipeline_state pipeline;
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;
-    double near_limit; // of the schedule's near_depth, by the points (near_depth.h); 0 = none
+    double near_limit; // of sgsi_trainer_near_depth, by the points (near_depth.h); 0 = none
     spare_equilibrium equilibrium;
     sgsi_skipped skipped;
     sgs_train_seconds seconds;
@@ -86,6 +86,13 @@ static inline bool sgsi_trainer_uses_abs_grad(const sgs_trainer *trainer, int it
            (trainer->pipeline->abs_grad || trainer->schedule.abs_share > 0.0);
 }
 
+// The schedule's near_depth, limited by the points of the scene; in extents.
+static inline double sgsi_trainer_near_depth(const sgs_trainer *trainer)
+{
+    const double limit = trainer->progress.near_limit, depth = trainer->schedule.near_depth;
+    return limit > 0.0 && limit < depth ? limit : depth;
+}
+
 // True if several ranks share the rows (base/row_groups.h).
 static inline bool sgsi_trainer_is_shared(const sgs_trainer *trainer)
 {
@@ -136,11 +143,6 @@ sgs_status sgsi_trainer_reserve_accumulated_grad(sgs_trainer *trainer);
 bool sgsi_trainer_opacity_is_linear(const sgs_trainer *trainer);
 void sgsi_trainer_convert_opacity(sgs_trainer *trainer);
 float sgsi_trainer_lr_opacity(const sgs_trainer *trainer, int iteration);
-
-// ---- near_depth.c ----
-
-// Applies progress.near_limit to the schedule.
-void sgsi_trainer_limit_near_depth(sgs_trainer *trainer);
 
 // ---- trainer_optimize.c ----
 

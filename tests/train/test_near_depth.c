@@ -144,13 +144,13 @@ static void a_resumed_run_keeps_its_limit(void **state)
         sgs_train_options options = sgs_train_options_default();
         options.iterations = 7000;
         sgs_trainer *trainer = trainer_create(scene, &options);
-        assert_true(fabs(trainer->schedule.near_depth - 0.45 * (k ? 2.0 : 1.0) / scene->extent) <
-                    1e-6);
+        assert_true(
+            fabs(sgsi_trainer_near_depth(trainer) - 0.45 * (k ? 2.0 : 1.0) / scene->extent) < 1e-6);
         if (k)
             assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_OK);
         else
             assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
-        depths[k] = trainer->schedule.near_depth;
+        depths[k] = sgsi_trainer_near_depth(trainer);
         sgs_trainer_destroy(trainer);
         sgs_scene_destroy(scene);
     }

@@ -170,7 +170,16 @@ for ((i = 0; i < 300; ++i)); do # the launcher does not wait for the end of the 
     sleep 0.1
 done
 check no_rank_is_left test "$i" -lt 300
-run 0 train "$room" --downscale 4 --eval --threads 1 --quiet --iterations 100000 --time-limit 4s --resume -o "$temporary/killed"
+rows=$(wc -l <"$temporary/killed/train.csv")
+"$program" train "$room" --downscale 4 --eval --threads 1 --quiet --iterations 100000 --resume -o "$temporary/killed" \
+    >"$temporary/stdout" 2>"$temporary/stderr" &
+training=$!
+last_command="train --resume after the kill"
+while kill -0 "$training" 2>/dev/null && [ "$(wc -l <"$temporary/killed/train.csv")" -le "$rows" ]; do sleep 0.1; done
+if kill -TERM "$training"; then :; fi
+status=0
+wait "$training" || status=$?
+check stopped_by_the_signal test "$status" = 143
 check continued test "$(jq .iterations "$temporary/killed/summary.json")" -gt 20
 
 # USR2 ends all ranks in the same iteration and saves.

@@ -377,6 +377,23 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
     return SGS_STATUS_OK;
 }
 
+// The decisions of the pipeline. Large rows stay where the cap has no room for all that grow: the
+// pruning by size relies on growth that covers their area again.
+static sgs_status decide(const sgsi_pipeline *pipeline, const sgsi_density_options *options,
+                         sgsi_density_columns *columns, sgsi_density_result *result)
+{
+    if (options->max_count && options->size_max < INFINITY) {
+        const sgsi_density_result before = *result;
+        sgsi_density_options kept = *options;
+        kept.size_max = INFINITY;
+        const sgs_status status = pipeline->decide(&kept, columns, result);
+        if (status || sgsi_growth_exceeds_cap(&kept, columns))
+            return status;
+        *result = before;
+    }
+    return pipeline->decide(options, columns, result);
+}
+
 // Decisions on the columns of all rows, and the plan that follows from them.
 static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipeline *pipeline,
                                   const sgsi_density_options *options,
@@ -385,7 +402,7 @@ static sgs_status decide_and_plan(const sgsi_density_rows *rows, const sgsi_pipe
 {
     spare_result regions;
     evaluate_spare(columns, statistics, options, result, &regions);
-    sgs_status status = pipeline->decide(options, columns, result);
+    sgs_status status = decide(pipeline, options, columns, result);
     if (!status)
         status = sgsi_limit_removal(options, columns);
     if (!status)

@@ -301,7 +301,9 @@ static sgsi_sampling sampling(const sgs_train_options *train, double extent)
     const double length = train->schedule == SGS_SCHEDULE_SCALED
                               ? fmin(train->iterations / (double)SGSI_PAPER_LENGTH, 1.0)
                               : 1.0;
-    const double noise = own->mcmc_noise < 0.0 ? PAPER_NOISE : own->mcmc_noise;
+    // Without updates, nothing relocates what the noise moves away.
+    const double automatic = train->schedule == SGS_SCHEDULE_FINETUNE ? 0.0 : PAPER_NOISE;
+    const double noise = own->mcmc_noise < 0.0 ? automatic : own->mcmc_noise;
     return (sgsi_sampling){.noise = noise * unit * unit * (1.0 - jitter_share(train)),
                            .opacity_loss = own->mcmc_opacity_loss,
                            .scale_loss = own->mcmc_scale_loss * unit,

@@ -309,6 +309,8 @@ static void score_view(const sgsi_scored_view *view, float *importance, float *p
 
 static sgsi_late_opacity late_opacity(const sgs_train_options *train)
 {
+    if (train->schedule == SGS_SCHEDULE_FINETUNE) // no densification that ends
+        return SGSI_LATE_OPACITY_TRAINED;
     switch (train->pipeline_options.taming_opacity) {
     case SGS_TAMING_FROZEN:
         return SGSI_LATE_OPACITY_FROZEN;

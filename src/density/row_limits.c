@@ -134,6 +134,19 @@ static size_t max_replaced(const sgsi_density_options *options, size_t count, si
     return share < left ? share : left;
 }
 
+bool sgsi_growth_exceeds_cap(const sgsi_density_options *options,
+                             const sgsi_density_columns *columns)
+{
+    size_t wanted = 0, survivors = 0;
+    if (!options->max_count)
+        return false;
+    for (size_t i = 0; i < columns->count; ++i) {
+        wanted += columns->action[i] != SGSI_ACTION_KEEP && !columns->prune_children[i];
+        survivors += !loses_row(columns, i);
+    }
+    return survivors + wanted > options->max_count;
+}
+
 sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_columns *columns,
                              const sgsi_statistics *statistics)
 {

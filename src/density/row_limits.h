@@ -3,7 +3,7 @@
 #pragma once
 
 // Limits on what one structural update changes, applied to the decisions of the pipeline and of
-// SPARE-GS. Both return OUT_OF_MEMORY if the rows cannot be ranked.
+// SPARE-GS. Those with a status return OUT_OF_MEMORY if the rows cannot be ranked.
 
 #include "density/density.h"
 
@@ -18,3 +18,8 @@ sgs_status sgsi_limit_removal(const sgsi_density_options *options, sgsi_density_
 // reset (options->opacity_is_reset), when all rows have a low opacity.
 sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_columns *columns,
                              const sgsi_statistics *statistics);
+
+// True if options->max_count has no room for all rows that grow, whatever sgsi_limit_growth
+// replaces.
+bool sgsi_growth_exceeds_cap(const sgsi_density_options *options,
+                             const sgsi_density_columns *columns);

@@ -43,17 +43,22 @@ static void adopt_images(sgs_trainer *trainer, sgsi_small_images *images)
     sgsi_train_views_forget_depths(&trainer->views);
 }
 
+static bool shrinks_images(const sgs_trainer *trainer)
+{
+    return trainer->pipeline->small_images && trainer->options.schedule != SGS_SCHEDULE_FINETUNE;
+}
+
 // True if the image sizes follow from the photos.
 static bool plans_images(const sgs_trainer *trainer)
 {
-    return trainer->pipeline->small_images && !trainer->scene->float_images;
+    return shrinks_images(trainer) && !trainer->scene->float_images;
 }
 
 // Plans the image sizes, if the pipeline or the schedule changes them, and sets the first one. A
 // model to start from (`has_init`) is not trained with images of half the size.
 static sgs_status plan_resolution(sgs_trainer *trainer, bool has_init)
 {
-    const bool shrinks = trainer->pipeline->small_images;
+    const bool shrinks = shrinks_images(trainer);
     if (!shrinks && !trainer->schedule.half_size_until)
         return SGS_STATUS_OK;
     if (trainer->scene->float_images) {

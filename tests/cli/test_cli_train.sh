@@ -161,7 +161,7 @@ json "$temporary/refined/summary.json" '.gaussians <= 500'
 # options_without_effect_on_a_trained_model_are_named
 finetune() { run "$1" train "$room" --downscale 8 -o "$temporary/idle" --iterations 1 --init "$temporary/capped" --schedule finetune --overwrite "${@:2}"; }
 for option in "--spare-grid 8" "--spare-range 0.1" "--spare-tau-alpha 0.1" "--pipeline dash --dash-count 9" "--pipeline taming --taming-count 9" \
-    "--pipeline taming --taming-multiplier 2" "--pipeline fastgs --fastgs-loss 0.2" "--pipeline fastgs --fastgs-gradient 0.2" \
+    "--pipeline taming --taming-multiplier 2" "--pipeline taming --taming-opacity frozen" "--pipeline fastgs --fastgs-loss 0.2" "--pipeline fastgs --fastgs-gradient 0.2" \
     "--pipeline fastgs --fastgs-dense 0.2" "--pipeline mcmc --mcmc-growth 0.1" "--pipeline mcmc --mcmc-redundant relocate"; do
     # shellcheck disable=SC2086 # options and values
     finetune 2 $option

@@ -453,24 +453,28 @@ static void a_split_that_the_cap_denies_keeps_its_row(void **state)
     drop(&f);
 }
 
-// Row 0 is split into children that are too large as well: it goes, and no other row makes room.
-static void a_split_without_children_takes_no_room_at_the_cap(void **state)
+// Rows 0 to 9 are too large; row 50 grows. They go where the cap has room for its clone without
+// them, and stay where it has not: nothing would cover their area again.
+static void large_rows_stay_where_the_cap_has_no_room_for_growth(void **state)
 {
     (void)state;
-    fixture f = make(100);
-    f.options.max_count = 100;
-    f.options.size_max = 1.0;
-    for (size_t i = 0; i < 100; ++i)
-        *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = -1.0f;
-    *sgs_gaussians_at(f.model, 0, SGS_PARAM_SCALE) = logf(2.0f);
-    f.statistics.gradient_sum[0] = 1e-2f;
-    update(&f);
-    assert_int_equal(f.model->count, 99);
-    assert_int_equal(f.result.split, 0);
-    assert_int_equal(f.result.pruned, 1);
-    size_t rows[8];
-    assert_int_equal(rows_of(&f, 0, rows), 0);
-    drop(&f);
+    const struct {
+        size_t cap, count, pruned;
+    } cases[] = {{0, 91, 10}, {101, 91, 10}, {100, 100, 0}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        fixture f = make(100);
+        f.options.max_count = cases[k].cap;
+        f.options.size_max = 1.0;
+        for (size_t i = 0; i < 100; ++i)
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_OPACITY) = 3.0f;
+        for (size_t i = 0; i < 10; ++i)
+            *sgs_gaussians_at(f.model, i, SGS_PARAM_SCALE) = logf(2.0f);
+        f.statistics.gradient_sum[50] = 1e-2f;
+        update(&f);
+        assert_int_equal(f.result.pruned, cases[k].pruned);
+        assert_int_equal(f.model->count, cases[k].count);
+        drop(&f);
+    }
 }
 
 static void rap_removes_faint_still_primitives_of_crowded_voxels_only(void **state)
@@ -623,10 +627,12 @@ static void new_rows_are_in_morton_order_and_then_in_the_order_of_the_old_ones(v
 }
 
 // An update with SPARE-GS that clones, splits and removes, followed by an opacity reset.
-static fixture large_update(int threads, const sgsi_pipeline *pipeline)
+static fixture large_update(int threads, const sgsi_pipeline *pipeline, double size_max, size_t cap)
 {
     fixture f = make(LARGE);
     f.pipeline = pipeline;
+    f.options.size_max = size_max;
+    f.options.max_count = cap;
     f.options.spare_densify = f.options.spare_prune = true;
     for (size_t i = 0; i < LARGE; ++i) {
         const double u = sgsi_random_uniform(71, i), w = sgsi_random_uniform(72, i);
@@ -652,12 +658,12 @@ static void large_updates_do_not_depend_on_the_threads(void **state)
     (void)state;
     const sgsi_pipeline *pipelines[] = {&sgsi_pipeline_3dgs, &sgsi_pipeline_mip};
     for (int p = 0; p < 2; ++p) {
-        fixture f = large_update(1, pipelines[p]);
+        fixture f = large_update(1, pipelines[p], INFINITY, 0);
         const sgsi_density_result *a = &f.result;
         assert_true(a->cloned > 1000 && a->split > 1000 && a->spare_pruned > 1000 &&
                     a->pruned > a->spare_pruned && a->bmd_boosted && a->bmd_suppressed);
         for (int threads = 2; threads < 8; threads += 3) {
-            fixture g = large_update(threads, pipelines[p]);
+            fixture g = large_update(threads, pipelines[p], INFINITY, 0);
             const size_t bytes = f.model->capacity * SGS_PARAM_COUNT * sizeof(float);
             const sgsi_density_result *b = &g.result;
             assert_int_equal(f.model->count, g.model->count);
@@ -675,6 +681,25 @@ static void large_updates_do_not_depend_on_the_threads(void **state)
             drop(&g);
         }
         drop(&f);
+    }
+}
+
+static void a_cap_with_room_for_all_changes_nothing(void **state)
+{
+    (void)state;
+    const sgsi_pipeline *pipelines[] = {&sgsi_pipeline_3dgs, &sgsi_pipeline_mip};
+    for (int p = 0; p < 2; ++p) {
+        fixture f = large_update(0, pipelines[p], 0.3, 0),
+                g = large_update(0, pipelines[p], 0.3, 3 * LARGE);
+        const sgsi_density_result *a = &f.result, *b = &g.result;
+        assert_true(a->pruned > a->spare_pruned + 1000);
+        assert_int_equal(f.model->count, g.model->count);
+        assert_memory_equal(f.model->data, g.model->data,
+                            f.model->capacity * SGS_PARAM_COUNT * sizeof(float));
+        assert_true(a->spare_pruned == b->spare_pruned && a->bmd_boosted == b->bmd_boosted &&
+                    a->bmd_suppressed == b->bmd_suppressed);
+        drop(&f);
+        drop(&g);
     }
 }
 
@@ -697,11 +722,12 @@ int main(void)
         cmocka_unit_test(faint_rows_that_grow_count_against_the_limit),
         cmocka_unit_test(thinning_only_removes),
         cmocka_unit_test(a_split_that_the_cap_denies_keeps_its_row),
-        cmocka_unit_test(a_split_without_children_takes_no_room_at_the_cap),
+        cmocka_unit_test(large_rows_stay_where_the_cap_has_no_room_for_growth),
         cmocka_unit_test(rap_removes_faint_still_primitives_of_crowded_voxels_only),
         cmocka_unit_test(reset_lowers_opacities_and_clears_their_moments),
         cmocka_unit_test(sorting_keeps_every_row),
         cmocka_unit_test(new_rows_are_in_morton_order_and_then_in_the_order_of_the_old_ones),
+        cmocka_unit_test(a_cap_with_room_for_all_changes_nothing),
         cmocka_unit_test(large_updates_do_not_depend_on_the_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

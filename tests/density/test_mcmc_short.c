@@ -181,6 +181,10 @@ static void noise_begins_where_the_jitter_ends(void **state)
     train.schedule = SGS_SCHEDULE_SCALED;
     train.pipeline_options.mcmc_noise = 3; // a given value is used as it is
     assert_true(sgsi_pipeline_sampling(&train, 5).noise == 3);
+    train.schedule = SGS_SCHEDULE_FINETUNE; // nothing relocates what the noise moves away
+    assert_true(sgsi_pipeline_sampling(&train, 5).noise == 3);
+    train.pipeline_options.mcmc_noise = -1;
+    assert_true(sgsi_pipeline_sampling(&train, 5).noise == 0);
 }
 
 int main(void)

@@ -4,6 +4,7 @@
 // Fine-tuning of a stored model: the bits of a trainer with that schedule, with the 3D filter
 // applied; an end by the caller.
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -61,6 +62,37 @@ static void result_is_that_of_a_trainer(void **state)
     sgs_scene_destroy(scene);
 }
 
+// The opacities of Taming 3DGS are frozen when the densification ends; fine-tuning has none.
+static void taming_trains_the_opacities(void **state)
+{
+    (void)state;
+    sgs_gaussians *model = pack_model(200, 1, 3);
+    sgs_scene *scene = prune_scene(48, 32);
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = 20;
+    options.schedule = SGS_SCHEDULE_FINETUNE;
+    options.pipeline = SGS_PIPELINE_TAMING;
+    options.sh_degree = 1;
+    options.spare = 0;
+    options.init = model;
+    sgs_trainer *trainer = trainer_create(scene, &options);
+    float before[200], change = 0;
+    for (size_t i = 0; i < 200; ++i)
+        before[i] =
+            *sgs_gaussians_at((sgs_gaussians *)sgs_trainer_model(trainer), i, SGS_PARAM_OPACITY);
+    trainer_run(trainer, 20);
+    assert_int_equal(sgs_trainer_model(trainer)->count, 200);
+    for (size_t i = 0; i < 200; ++i) {
+        const float after =
+            *sgs_gaussians_at((sgs_gaussians *)sgs_trainer_model(trainer), i, SGS_PARAM_OPACITY);
+        change = fmaxf(change, fabsf(after - before[i]));
+    }
+    assert_true(change > 0.05f); // the learning rate is 0.025 per step
+    sgs_trainer_destroy(trainer);
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+}
+
 static bool stop_at_2(void *user, const sgs_step_info *info)
 {
     *(int *)user = info->iteration;
@@ -90,6 +122,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(result_is_that_of_a_trainer),
+        cmocka_unit_test(taming_trains_the_opacities),
         cmocka_unit_test(caller_can_cancel),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

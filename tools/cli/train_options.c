@@ -170,7 +170,7 @@ static bool is_of_updates(const sgs_train_option *from)
 {
     static const char *const names[] = {"taming_multiplier", "taming_count",    "dash_count",
                                         "fastgs_loss",       "fastgs_gradient", "fastgs_dense",
-                                        "mcmc_growth"};
+                                        "mcmc_growth",       "taming_opacity"};
     bool is = from->spare && !(from->spare & SGS_SPARE_EDT);
     for (size_t k = 0; k < sizeof names / sizeof *names; ++k)
         is = is || !strcmp(from->name, names[k]);

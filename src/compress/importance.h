@@ -24,5 +24,6 @@ void sgsi_rows_keep(sgsi_compress_job *job, const bool *keep);
 // options->finetune; -1 means `automatic` iterations, or none without a scene. Fails with
 // INVALID_ARGUMENT if a scene is required.
 sgs_status sgsi_finetune_iterations(const sgsi_compress_job *job, int automatic, int *iterations);
-// Trains the rows for that number of iterations, as sgs_finetune.
+// Trains the rows for that number of iterations, as sgs_finetune. It may reorder the rows, so
+// arrays with a value per row are no longer valid.
 sgs_status sgsi_rows_finetune(sgsi_compress_job *job, int automatic);

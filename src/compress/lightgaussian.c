@@ -313,12 +313,12 @@ static void add_sections(const sgsi_compress_job *job, const light_training *t, 
     sgsi_free(indices);
 }
 
-// Removes the least significant primitives and trains the others. Keeps `importance` aligned.
+// Removes the least significant primitives and trains the others; `importance` is scratch.
 static sgs_status prune(sgsi_compress_job *job, double *importance)
 {
     bool *keep = sgsi_alloc(job->count, sizeof *keep);
     size_t kept = 0;
-    sgs_status status = keep ? SGS_STATUS_OK
+    sgs_status status = keep ? sgsi_significance(job, importance)
                              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                                          "not enough memory for %zu primitives", job->count);
     if (!status)
@@ -327,9 +327,6 @@ static sgs_status prune(sgsi_compress_job *job, double *importance)
     if (!status && !kept)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "pruning removes all %zu primitives; keep a larger share", job->count);
-    for (size_t i = 0, k = 0; !status && i < job->count; ++i)
-        if (keep[i])
-            importance[k++] = importance[i];
     if (!status)
         sgsi_rows_keep(job, keep);
     sgsi_free(keep);
@@ -364,12 +361,12 @@ static sgs_status encode(sgsi_compress_job *job)
     if (!status && job->options->keep < 1 && !job->options->scene)
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                            "option keep requires a scene, which gives the importance");
-    if (!status)
-        status = sgsi_significance(job, importance);
     if (!status && job->options->keep < 1)
         status = prune(job, importance);
     if (!status && job->options->distill)
         status = sgsi_distill(job, job->options->distill);
+    if (!status) // of the final model, as released; the training has changed its order, too
+        status = sgsi_significance(job, importance);
     light_training t = {.job = job,
                         .data = job->rows + SGS_PARAM_SH_DC,
                         .importance = importance,

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // LightGaussian: the nearest code against a search in double precision, which values are exact, the
-// error of quantised SH coefficients, and the optimiser of the distillation.
+// error of quantised SH coefficients, the optimiser of the distillation, and what is quantised
+// after training.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,6 +18,7 @@
 #include "compress/bit_stream.h"
 #include "compress/distill.h"
 #include "compress/vq.h"
+#include "sparegs/prune.h"
 #include "sparegs/runtime.h"
 #include "support/compress_support.h"
 #include "support/files_support.h"
@@ -228,6 +230,66 @@ static void distillation_decays_what_no_view_sees(void **state)
     sgs_scene_destroy(scene);
 }
 
+// True if another row has the same SH coefficients: with a codebook of one entry, those that it
+// replaces.
+static bool shares_its_color(const sgs_gaussians *model, size_t row)
+{
+    size_t equal = 0;
+    for (size_t i = 0; i < model->count && equal < 2; ++i) {
+        int k = SGS_PARAM_SH_DC;
+        while (k < SGS_PARAM_COUNT &&
+               *sgs_gaussians_at(model, i, k) == *sgs_gaussians_at(model, row, k))
+            ++k;
+        equal += k == SGS_PARAM_COUNT;
+    }
+    return equal == 2;
+}
+
+// The training sorts the rows and changes their significance. What the codebook replaces must be
+// the least significant rows of the stored model. Colours do not change the significance.
+static void least_significant_rows_of_the_final_model_are_quantised(void **state)
+{
+    (void)state;
+    enum { COUNT = 300, KEPT = 240 };
+    static const struct {
+        int finetune, distill;
+    } runs[] = {{0, 0}, {1, 0}, {20, 0}, {0, 20}, {1, 1}};
+    sgs_gaussians *model = pack_model(COUNT, 3, 7); // in no order
+    sgs_scene *scene = prune_scene(96, 64);
+    sgs_prune_options significance = sgs_prune_options_default();
+    significance.method = SGS_PRUNE_LIGHTGAUSSIAN;
+    significance.scene = scene;
+    for (size_t r = 0; r < sizeof runs / sizeof *runs; ++r) {
+        sgs_compress_options options = sgs_compress_options_default();
+        options.method = SGS_COMPRESS_LIGHTGAUSSIAN;
+        options.scene = scene;
+        options.keep = 0.8;
+        options.finetune = runs[r].finetune;
+        options.distill = runs[r].distill;
+        options.vq_ratio = 0.5;
+        options.codebook = 1;
+        options.vq_steps = 1;
+        sgs_gaussians *decoded = through(model, &options);
+        double scores[COUNT], most = 0, least = INFINITY;
+        size_t quantised = 0;
+        assert_int_equal(decoded->count, KEPT);
+        assert_int_equal(sgs_prune_scores(decoded, &significance, scores), 0);
+        for (size_t i = 0; i < KEPT; ++i) {
+            const bool shares = shares_its_color(decoded, i);
+            quantised += shares;
+            most = shares ? fmax(most, scores[i]) : most;
+            least = shares ? least : fmin(least, scores[i]);
+        }
+        assert_int_equal(quantised, KEPT / 2);
+        if (!(most <= least && least > 0))
+            fail_msg("run %zu: a row of significance %g is quantised, one of %g is exact", r, most,
+                     least);
+        sgs_gaussians_destroy(decoded);
+    }
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -237,6 +299,7 @@ int main(void)
         cmocka_unit_test(halves_keep_rotations_of_any_length),
         cmocka_unit_test(distillation_rates_are_those_of_the_release),
         cmocka_unit_test(distillation_decays_what_no_view_sees),
+        cmocka_unit_test(least_significant_rows_of_the_final_model_are_quantised),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

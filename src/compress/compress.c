@@ -249,10 +249,13 @@ static sgs_status describe(sgsi_container *container, const sgsi_compress_method
     if (m == METHOD_COUNT)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: byte 8: unknown compression method",
                          container->path);
-    if (header->version != methods[m]->version)
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: version %u of method '%s' is unknown; this program reads version %u",
-                         container->path, header->version, header->method, methods[m]->version);
+    const uint32_t last = methods[m]->version;
+    const uint32_t first = methods[m]->oldest ? methods[m]->oldest : last;
+    if (header->version < first || header->version > last)
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: version %u of method '%s' is unknown; this program reads versions %u to %u",
+            container->path, header->version, header->method, first, last);
     *method = methods[m];
     *info = (sgs_compress_info){.method = (sgs_compress_method)m,
                                 .input = header->input,

@@ -17,21 +17,40 @@ sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stag
     return sgsi_fail(SGS_STATUS_CANCELLED, "compression was cancelled");
 }
 
+// Positions in cells of `side` units; `is_log`: of `side` in the log domain.
+static void warn_about_cells(const sgsi_compress_job *job, double side, bool is_log)
+{
+    double largest = is_log ? 0 : side;
+    size_t coarse = 0;
+    for (size_t i = 0; i < job->count; ++i) {
+        const float *row = job->rows + i * SGS_PARAM_COUNT, *scale = row + SGS_PARAM_SCALE;
+        const double size = exp((double)fmaxf(scale[0], fmaxf(scale[1], scale[2])));
+        const double far = (double)fmaxf(fabsf(row[0]), fmaxf(fabsf(row[1]), fabsf(row[2])));
+        const double cell = is_log ? side * exp(far) : side; // d/dx ln(1 + |x|) = 1 / (1 + |x|)
+        if (!(cell > size))
+            continue;
+        ++coarse;
+        largest = fmax(largest, cell);
+    }
+    if (coarse > job->count / 100)
+        sgsi_warn("positions have cells of %s%.3g units, more than the size of %zu of %zu "
+                  "primitives; %sremove the primitives that are far from the others",
+                  is_log ? "up to " : "", largest, coarse, job->count,
+                  is_log ? "increase option position_bits, or " : "");
+}
+
 void sgsi_warn_about_cells(const sgsi_compress_job *job, const float low[3], const float high[3],
                            int bits)
 {
     double side = 0;
-    size_t coarse = 0;
     for (int k = 0; k < 3; ++k)
         side = fmax(side, ldexp((double)high[k] - (double)low[k], -bits));
-    for (size_t i = 0; i < job->count; ++i) {
-        const float *scale = job->rows + i * SGS_PARAM_COUNT + SGS_PARAM_SCALE;
-        coarse += side > exp((double)fmaxf(scale[0], fmaxf(scale[1], scale[2])));
-    }
-    if (coarse > job->count / 100)
-        sgsi_warn("positions have cells of %.3g units, more than the size of %zu of %zu "
-                  "primitives; remove the primitives that are far from the others",
-                  side, coarse, job->count);
+    warn_about_cells(job, side, false);
+}
+
+void sgsi_warn_about_log_cells(const sgsi_compress_job *job, double step)
+{
+    warn_about_cells(job, step, true);
 }
 
 sgs_status sgsi_decoded_create(const sgsi_container *in, sgs_gaussians **model)

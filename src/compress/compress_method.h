@@ -19,7 +19,8 @@ typedef struct sgsi_compress_job {
 
 typedef struct sgsi_compress_method {
     const char *name;
-    uint32_t version;
+    uint32_t version; // of the layout that it writes
+    uint32_t oldest;  // that it reads; 0: version
     // Fills in options that are 0. NULL: nothing to fill in.
     void (*defaults)(sgs_compress_options *options);
     // Sets out->header.count (and sh_degree if it changes) and adds the sections.
@@ -39,6 +40,8 @@ sgs_status sgsi_compress_progress(const sgsi_compress_job *job, const char *stag
 // one far primitive makes the cells of all large.
 void sgsi_warn_about_cells(const sgsi_compress_job *job, const float low[3], const float high[3],
                            int bits);
+// The same for rows with positions sign(x) ln(1 + |x|), which are stored with this step.
+void sgsi_warn_about_log_cells(const sgsi_compress_job *job, double step);
 
 // A model with header.count primitives, rows unset but finite. Call it after sgsi_container_finish:
 // the sections prove that the primitives exist.

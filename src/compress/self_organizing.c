@@ -10,6 +10,10 @@
 // value v with q bits is round((v - low) / (high - low) 2^q), so there are 2^q + 1 levels.
 // Positions are sign(x) ln(1 + |x|) before. Decoders compute with portable_math.h.
 //
+// The published x has its origin at 0, where the cells are smallest. Far from there, they are
+// larger than the primitives: 1.5 units at 3000. Layout 2 stores another origin, the median of the
+// positions, if this halves the geometric mean of the cells, and 0 otherwise; layout 1 has none.
+//
 // Differences from the released code: rotations are unit quaternions with w >= 0; SH band 0 is
 // quantised and stored losslessly; low and high of SH, rotations and opacities are the limits that
 // the released code clips to, not the least and largest value of the model. So an outlier does not
@@ -20,6 +24,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/compare.h"
 #include "base/threads.h"
 #include "compress/compress_method.h"
 #include "compress/image_codec.h"
@@ -55,8 +60,10 @@ typedef struct sog_range {
 typedef struct sog_header {
     uint32_t side, codec;
     sog_range ranges[ATTRIBUTES];
+    float origin[3]; // of the positions; since layout 2
 } sog_header;
-_Static_assert(sizeof(sog_header) == 80, "the section 'grid' has no padding");
+_Static_assert(sizeof(sog_header) == 92, "the section 'grid' has no padding");
+enum { LAYOUT = 2, FIRST_LAYOUT = 1, FIRST_HEADER_BYTES = offsetof(sog_header, origin) };
 
 // One image of the file: up to three channels of an attribute.
 typedef struct sog_image {
@@ -106,19 +113,53 @@ static void free_images(sog_image *images, int count)
 
 // ---- Encoding ----
 
-static float contracted(float x)
+static float contracted(float x, float origin)
 {
-    return copysignf((float)log1p(fabs((double)x)), x);
+    const double offset = (double)x - (double)origin;
+    return (float)copysign(log1p(fabs(offset)), offset);
+}
+
+// Mean logarithm of the cells, whose size is proportional to the range times 1 + |x|.
+static double mean_log_cell(const sgsi_compress_job *job, const float origin[3])
+{
+    double sum = 0, low = INFINITY, high = -INFINITY;
+    for (size_t i = 0; i < job->count; ++i)
+        for (size_t k = 0; k < 3; ++k) {
+            const double v = (double)contracted(job->rows[i * SGS_PARAM_COUNT + k], origin[k]);
+            sum += fabs(v);
+            low = fmin(low, v);
+            high = fmax(high, v);
+        }
+    return sum / (3 * (double)job->count) + log(high - low);
+}
+
+static sgs_status choose_origin(const sgsi_compress_job *job, float origin[3])
+{
+    static const float published[3] = {0, 0, 0};
+    float *values = sgsi_alloc(job->count, sizeof *values);
+    if (!values)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
+                         job->count);
+    for (size_t k = 0; k < 3; ++k) {
+        for (size_t i = 0; i < job->count; ++i)
+            values[i] = job->rows[i * SGS_PARAM_COUNT + k];
+        qsort(values, job->count, sizeof *values, sgsi_compare_floats);
+        origin[k] = values[job->count / 2];
+    }
+    sgsi_free(values);
+    if (!(mean_log_cell(job, origin) < mean_log_cell(job, published) - log(2)))
+        memcpy(origin, published, sizeof published);
+    return SGS_STATUS_OK;
 }
 
 // Positions in the log domain, unit quaternions with w >= 0. A scale below the least float is one
 // of 0; its logarithm has no limit, but would take the range of all others.
-static void prepare_rows(sgsi_compress_job *job)
+static void prepare_rows(sgsi_compress_job *job, const float origin[3])
 {
     for (size_t i = 0; i < job->count; ++i) {
         float *row = job->rows + i * SGS_PARAM_COUNT, *q = row + SGS_PARAM_ROTATION;
         for (int k = 0; k < 3; ++k) {
-            row[k] = contracted(row[k]);
+            row[k] = contracted(row[k], origin[k]);
             row[SGS_PARAM_SCALE + k] = fmaxf(row[SGS_PARAM_SCALE + k], MIN_LOG_SCALE);
         }
         double length = 0;
@@ -329,10 +370,16 @@ static sgs_status encode(sgsi_compress_job *job)
     if (!cells)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
                          job->count);
-    prepare_rows(job);
-    sgs_status status = sort_rows(job, side, cells);
+    sgs_status status = choose_origin(job, header.origin);
+    if (!status) {
+        prepare_rows(job, header.origin);
+        status = sort_rows(job, side, cells);
+    }
     if (!status) {
         set_ranges(job, cells, &header);
+        const sog_range *means = &header.ranges[MEANS];
+        sgsi_warn_about_log_cells(
+            job, ldexp((double)means->high - (double)means->low, -(int)means->bits));
         job->out->header.count = side * side;
         sgsi_packer_add(job->out, "grid", &header, sizeof header, false);
         status = encode_images(job, &header, cells);
@@ -345,11 +392,13 @@ static sgs_status encode(sgsi_compress_job *job)
 
 static sgs_status read_header(sgsi_container *in, sog_header *header)
 {
+    const size_t size = in->header.version == FIRST_LAYOUT ? FIRST_HEADER_BYTES : sizeof *header;
     const uint8_t *bytes;
-    const sgs_status status = sgsi_container_take(in, "grid", sizeof *header, &bytes, NULL);
+    const sgs_status status = sgsi_container_take(in, "grid", (int64_t)size, &bytes, NULL);
     if (status)
         return status;
-    memcpy(header, bytes, sizeof *header);
+    *header = (sog_header){0};
+    memcpy(header, bytes, size);
     if ((uint64_t)header->side * header->side != in->header.count)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'grid': side %u is not that of %llu cells",
                          in->path, header->side, (unsigned long long)in->header.count);
@@ -366,6 +415,10 @@ static sgs_status read_header(sgsi_container *in, sog_header *header)
             return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'grid': invalid range of '%s'",
                              in->path, attributes[a].name);
     }
+    for (int k = 0; k < 3; ++k)
+        if (!isfinite(header->origin[k]))
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'grid': the origin is not finite",
+                             in->path);
     return SGS_STATUS_OK;
 }
 
@@ -383,8 +436,9 @@ static void decode_image(void *context, size_t k, int thread)
                   sgsi_image_decode(decoding->codec, image->stored, image->size, &image->image);
 }
 
-static void apply_image(const sog_image *image, const sog_range *range, sgs_gaussians *model)
+static void apply_image(const sog_image *image, const sog_header *header, sgs_gaussians *model)
 {
+    const sog_range *range = &header->ranges[image->attribute];
     const double step = ((double)range->high - range->low) / (double)(1u << range->bits);
     for (size_t i = 0; i < model->count; ++i)
         for (int c = 0; c < image->image.channels; ++c) {
@@ -392,7 +446,8 @@ static void apply_image(const sog_image *image, const sog_range *range, sgs_gaus
                 image->image.pixels[i * (size_t)image->image.channels + (size_t)c];
             double v = (double)range->low + (double)level * step;
             if (image->attribute == MEANS)
-                v = v < 0 ? -sgsi_portable_expm1(-v) : sgsi_portable_expm1(v);
+                v = (v < 0 ? -sgsi_portable_expm1(-v) : sgsi_portable_expm1(v)) +
+                    (double)header->origin[c];
             *sgs_gaussians_at(model, i, image->param + c) = (float)v;
         }
 }
@@ -431,10 +486,14 @@ static sgs_status decode(sgsi_container *in, sgs_gaussians **model)
     if (!status)
         status = sgsi_decoded_create(in, model);
     for (int k = 0; k < count && !status; ++k)
-        apply_image(&images[k], &header.ranges[images[k].attribute], *model);
+        apply_image(&images[k], &header, *model);
     free_images(images, count);
     return status;
 }
 
-const sgsi_compress_method sgsi_method_sog = {
-    .name = "sog", .version = 1, .defaults = defaults, .encode = encode, .decode = decode};
+const sgsi_compress_method sgsi_method_sog = {.name = "sog",
+                                              .version = LAYOUT,
+                                              .oldest = FIRST_LAYOUT,
+                                              .defaults = defaults,
+                                              .encode = encode,
+                                              .decode = decode};

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Self-Organizing Gaussians: error bounds from the quantiser steps, the sorting, files that name
-// another image codec, and the functions of the decoder against those of the C library.
+// Self-Organizing Gaussians: error bounds from the quantiser steps, also far from the origin, the
+// sorting, files of layout 1 and with another image codec, and the functions of the decoder against
+// those of the C library.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -176,6 +177,126 @@ static void vanishing_scales_are_stored(void **state)
     temp_folder_remove(&folder);
 }
 
+// The largest distance per axis of a decoded primitive from the nearest original one.
+static double largest_error(const sgs_gaussians *model, const sgs_gaussians *decoded)
+{
+    double largest = 0;
+    for (size_t j = 0; j < decoded->count; ++j) {
+        double nearest = INFINITY;
+        for (size_t i = 0; i < model->count; ++i) {
+            double distance = 0;
+            for (int k = 0; k < 3; ++k)
+                distance = fmax(distance, fabs((double)*sgs_gaussians_at(model, i, k) -
+                                               (double)*sgs_gaussians_at(decoded, j, k)));
+            nearest = fmin(nearest, distance);
+        }
+        largest = fmax(largest, nearest);
+    }
+    return largest;
+}
+
+// The coordinates of the model are within 2.4 of the offset. Half a cell is (high - low) / 2^14
+// (1 + |x|) / 2. At an offset of 3 the published origin remains, with the largest cells:
+// (ln 6.4 + ln 3.4) / 2^14 * 3.2 = 0.0006. Half a step of floats is added.
+static void positions_far_from_the_origin_keep_their_accuracy(void **state)
+{
+    (void)state;
+    static const struct {
+        float offset[3];
+        double float_step;
+    } cases[] = {{{0, 0, 0}, 0},
+                 {{3, 0, 0}, 0},
+                 {{0, -20, 0}, 0x1p-19},
+                 {{3000, 0, 0}, 0x1p-12},
+                 {{-5, -50000, 30000}, 0x1p-8}};
+    const temp_folder folder = temp_folder_make();
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c) {
+        sgs_gaussians *model = pack_model(900, 0, 1), *decoded;
+        for (size_t i = 0; i < model->count; ++i)
+            for (int k = 0; k < 3; ++k)
+                *sgs_gaussians_at(model, i, k) += cases[c].offset[k];
+        sgs_compress_options options = sgs_compress_options_default();
+        assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+        assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+        const double error = largest_error(model, decoded),
+                     bound = 0.00061 + cases[c].float_step / 2;
+        if (!(error <= bound))
+            fail_msg("case %zu: %g, bound %g", c, error, bound);
+        sgs_gaussians_destroy(decoded);
+        sgs_gaussians_destroy(model);
+    }
+    temp_folder_remove(&folder);
+}
+
+static char warning[512];
+
+static void keep_warning(void *user, const char *message)
+{
+    (void)user;
+    snprintf(warning, sizeof warning, "%s", message);
+}
+
+// Scales are from 0.02, the largest of three from about 0.04. Cells at distance 2: 2 ln 3 / 2^bits
+// * 3, that is 0.0004 and 0.05.
+static void large_cells_cause_a_warning(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = pack_model(400, 0, 7);
+    for (int bits = 7; bits <= 14; bits += 7) {
+        sgs_compress_options options = sgs_compress_options_default();
+        options.position_bits = bits;
+        *warning = 0;
+        sgs_warning_handler_set(keep_warning, NULL);
+        assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+        sgs_warning_handler_set(NULL, NULL);
+        if (bits == 7)
+            assert_non_null(strstr(warning, "more than the size of"));
+        else
+            assert_string_equal(warning, "");
+    }
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
+// A model of room far from the origin, with the hash that the last program of layout 1 printed.
+static void files_of_layout_1_are_read(void **state)
+{
+    (void)state;
+    sgs_gaussians *decoded;
+    sgs_compress_info info;
+    char hash[17];
+    if (sgs_decompress(SGSI_TEST_DATA "/sog_layout_1.bin", &decoded, &info))
+        fail_msg("%s", sgs_last_error());
+    sgs_gaussians_hash(decoded, hash);
+    assert_string_equal(hash, "36a4e456bfed9184");
+    assert_int_equal(decoded->count, 16);
+    assert_int_equal(info.input, 18);
+    sgs_gaussians_destroy(decoded);
+}
+
+// The last 12 bytes of section 'grid', which is 92 bytes long.
+static void an_origin_that_is_not_finite_is_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "pack");
+    sgs_gaussians *model = pack_model(300, 0, 1), *decoded;
+    sgs_compress_options options = sgs_compress_options_default();
+    assert_int_equal(sgs_compress(model, &options, path, NULL), 0);
+    size_t size;
+    unsigned char *file = file_get(path, &size);
+    assert_int_equal(pack_get(file, PACK_HEADER + 24, 8), 92);
+    pack_put(file, PACK_HEADER + pack_get(file, 56, 4) * PACK_ENTRY + 8 + 84, 0x7f800000, 4);
+    pack_reseal(file, size);
+    file_put(path, file, size);
+    assert_int_equal(sgs_decompress(path, &decoded, NULL), SGS_STATUS_FORMAT);
+    assert_non_null(strstr(sgs_last_error(), "section 'grid': the origin is not finite"));
+    free(file);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 // Mean squared difference of horizontal and vertical neighbours.
 static double roughness(const float *features, size_t side)
 {
@@ -303,6 +424,10 @@ int main(void)
         cmocka_unit_test(errors_are_at_most_half_a_step),
         cmocka_unit_test(zero_is_a_level_of_the_other_bands),
         cmocka_unit_test(vanishing_scales_are_stored),
+        cmocka_unit_test(positions_far_from_the_origin_keep_their_accuracy),
+        cmocka_unit_test(large_cells_cause_a_warning),
+        cmocka_unit_test(files_of_layout_1_are_read),
+        cmocka_unit_test(an_origin_that_is_not_finite_is_refused),
         cmocka_unit_test(sorting_makes_neighbours_similar),
         cmocka_unit_test(sorting_is_cancelled_between_passes),
         cmocka_unit_test(other_codecs_are_refused),

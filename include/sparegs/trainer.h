@@ -173,7 +173,10 @@ typedef struct sgs_train_options {
     bool spare_rap_visible; // prune only primitives seen since the last update; false
     sgs_spare_target spare_target;
     sgs_pipeline_options pipeline_options;
-    const sgs_gaussians *init; // copied; start from it instead of the point cloud; NULL
+    // Copied; start from it instead of the point cloud; NULL. With SGS_FILTER_MIP it is a stored
+    // model, which contains the 3D filter: sgs_trainer_model begins without it. Scales below that
+    // of the filter have no exact inverse; such primitives grow and keep opacity times volume.
+    const sgs_gaussians *init;
     // lambda of the loss (1 - lambda) L1 + lambda (1 - SSIM) (Kerbl et al. 2023, equation 7).
     // Below 0: 0.2 as published, and up to 0.4 in scaled runs of less than 30 000 iterations on
     // high-resolution images (mean of more than 130 000 pixels) with SGS_PIPELINE_3DGS,
@@ -501,8 +504,8 @@ static inline sgs_finetune_options sgs_finetune_options_default(void)
 
 // Trains a copy of `model` on the training views of the scene, whose images are loaded. *tuned: as
 // many primitives, perhaps in another order, owned by the caller; Mip-Splatting's 3D filter is
-// fused into it, as by sgs_trainer_write_ply. Fails as sgs_trainer_create and sgs_trainer_step, or
-// with CANCELLED; *tuned is then NULL.
+// removed from the copy, see options.init, and fused into *tuned, as by sgs_trainer_write_ply.
+// Fails as sgs_trainer_create and sgs_trainer_step, or with CANCELLED; *tuned is then NULL.
 SGS_API sgs_status sgs_finetune(const sgs_gaussians *model, const sgs_scene *scene,
                                 const sgs_finetune_options *options, sgs_gaussians **tuned);
 

@@ -297,6 +297,8 @@ double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_
 
 void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d)
 {
+    if (filter_3d == 0.0)
+        return;
     const double factor = opacity_factor(params + SGS_PARAM_SCALE, filter_3d);
     const double opacity = factor / (1.0 + exp(-(double)params[SGS_PARAM_OPACITY]));
     const double held = fmin(fmax(opacity, 1e-12), 1.0 - 1e-7);
@@ -305,6 +307,47 @@ void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d)
         params[SGS_PARAM_SCALE + k] =
             (float)(0.5 *
                     log(exp(2.0 * (double)params[SGS_PARAM_SCALE + k]) + filter_3d * filter_3d));
+}
+
+// Ratios of the raw to the given variances, at least `share`. *bounded: one of them is the share.
+// Returns the product of the ratios of the scales, which is the factor on the opacity of an exact
+// inverse.
+static double raw_ratios(const double variances[3], double filter_3d, double share,
+                         double ratios[3], bool *bounded)
+{
+    double product = 1.0;
+    *bounded = false;
+    for (int k = 0; k < 3; ++k) {
+        const double left = 1.0 - filter_3d * filter_3d / variances[k]; // -inf for a scale of 0
+        *bounded = *bounded || !(left > share);
+        ratios[k] = fmax(left, share);
+        product *= sqrt(ratios[k]);
+    }
+    return product;
+}
+
+void sgsi_filter_3d_unfuse(float params[SGS_PARAM_COUNT], double filter_3d)
+{
+    // Where there is no exact inverse, opacities are at most 0.99: higher ones hardly train.
+    static const double least_share = 0.01, growth = 1.25, most_opaque = 0.99, near_one = 0.9999;
+    double variances[3], ratios[3], share = least_share, product;
+    bool bounded;
+    if (!(filter_3d > 0.0))
+        return;
+    for (int k = 0; k < 3; ++k)
+        variances[k] = exp(2.0 * (double)params[SGS_PARAM_SCALE + k]);
+    const double opacity = 1.0 / (1.0 + exp(-(double)params[SGS_PARAM_OPACITY]));
+    for (;; share = fmin(share * growth, 1.0)) {
+        product = raw_ratios(variances, filter_3d, share, ratios, &bounded);
+        if (!bounded || share >= 1.0 || opacity <= most_opaque * product)
+            break;
+    }
+    if (share >= 1.0)
+        return;
+    const double raw = fmin(fmax(opacity / product, 1e-12), near_one);
+    params[SGS_PARAM_OPACITY] = (float)log(raw / (1.0 - raw));
+    for (int k = 0; k < 3; ++k)
+        params[SGS_PARAM_SCALE + k] += (float)(0.5 * log(ratios[k]));
 }
 
 void sgsi_filter_3d_fuse_row(const sgs_gaussians *from, size_t i, float filter_3d,

@@ -3,7 +3,8 @@
 #pragma once
 
 // The 3D smoothing filter of Mip-Splatting (Yu et al. 2024, section 5.1): the sampling limit of the
-// training cameras per primitive, and models with the filter baked into scales and opacities.
+// training cameras per primitive, and models with the filter baked into scales and opacities, which
+// training removes again.
 
 #include "sparegs/gaussians.h"
 #include "sparegs/scene.h"
@@ -25,6 +26,11 @@ double sgsi_filter_3d_factor(const sgs_gaussians *model, size_t i, float filter_
 
 // Applies the filter f3 to the scales and the opacity logit of one primitive.
 void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d);
+// Removes it, so that sgsi_filter_3d_fuse restores the primitive: raw scales sqrt(s^2 - f3^2), and
+// an opacity that grows as the volume shrinks. A scale s of less than about f3 has no raw scale:
+// the square of its substitute is a share of s^2, from 1 % to all of it, the smallest one that
+// leaves the opacity below 1. Fusing then restores opacity times volume, with larger scales.
+void sgsi_filter_3d_unfuse(float params[SGS_PARAM_COUNT], double filter_3d);
 // A row of a model with its filter applied and the opacity as logit; `to` may be `from`.
 void sgsi_filter_3d_fuse_row(const sgs_gaussians *from, size_t i, float filter_3d,
                              sgs_gaussians *to);

@@ -244,6 +244,9 @@ sgs_status sgsi_trainer_update_filter_3d(sgs_trainer *trainer)
     if (!status)
         sgsi_filter_3d_scale(trainer->scene, views->scene_views, views->count, farthest,
                              trainer->filter_3d, trainer->model->count);
+    // The rows outside of a region have the filter of their own training.
+    for (size_t i = sgsi_trainer_own(trainer); i < trainer->model->count && !status; ++i)
+        trainer->filter_3d[i] = 0.0f;
     return status;
 }
 
@@ -282,6 +285,19 @@ void sgsi_trainer_convert_opacity(sgs_trainer *trainer)
     }
 }
 
+// Stored models have the 3D filter of Mip-Splatting in their scales and opacities, and would get it
+// twice.
+static void remove_stored_filter(sgs_trainer *trainer)
+{
+    sgs_gaussians *model = trainer->model;
+    for (size_t i = 0; i < model->count; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(model, i, params);
+        sgsi_filter_3d_unfuse(params, (double)trainer->filter_3d[i]);
+        sgs_gaussians_set(model, i, params);
+    }
+}
+
 sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
 {
     sgs_status status;
@@ -311,7 +327,10 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
         return status;
     trainer->count = trainer->model->count;
     trainer->progress.pipeline.initial_count = (int64_t)sgsi_trainer_trained(trainer);
-    return sgsi_trainer_update_filter_3d(trainer);
+    status = sgsi_trainer_update_filter_3d(trainer);
+    if (!status && trainer->has_init && trainer->filter_3d)
+        remove_stored_filter(trainer);
+    return status;
 }
 
 sgs_status sgsi_trainer_reserve_state(sgs_trainer *trainer)

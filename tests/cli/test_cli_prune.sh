@@ -101,6 +101,16 @@ reports "nothing"
 full=$(psnr "$model") half=$(psnr "$temporary/refine/prune_0.50.ply")
 check pruning_costs_quality above "$full" "$half"
 
+# fine_tuning_does_not_apply_the_3d_filter_twice: the stored model of Mip-Splatting includes it
+run 0 train "$room" -o "$temporary/mip" --downscale 8 --eval --iterations 60 --pipeline mip --spare off --quiet
+run 0 prune "$temporary/mip" "$room" -o "$temporary/mip.ply" --method lightgaussian --ratio 0 --finetune 1 --quiet
+for name in mip mip.ply; do
+    run 0 eval "$temporary/$name" "$room" --run "$temporary/mip" --json
+    jq .mean "$temporary/stdout" >"$temporary/$name.mean"
+done
+check one_iteration_changes_little jq -ne --slurpfile a "$temporary/mip.mean" --slurpfile b "$temporary/mip.ply.mean" \
+    '($a[0].psnr - $b[0].psnr | fabs) < 0.1 and ($a[0].sharpness - $b[0].sharpness | fabs) < 0.01'
+
 # finetuning_recovers_quality_and_keeps_the_number
 run 0 prune "$model" "$room" -o "$temporary/tuned.ply" --method refine --ratio 0.5 --finetune 60 --seed 2 --quiet --json
 check the_seed_is_used bash -c "! grep 'has no effect' '$temporary/stderr'"

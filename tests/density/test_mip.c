@@ -242,6 +242,94 @@ static void fused_model_looks_the_same_without_its_filter(void **state)
     oracle_scene_free(&scene);
 }
 
+// Scales of a primitive and its opacity, from equations 6 and 9 of the paper: s'^2 = s^2 + f3^2 and
+// o' = o product s / s'.
+static void filtered(const double scale[3], double opacity, double filter, double out[4])
+{
+    out[3] = opacity;
+    for (int k = 0; k < 3; ++k) {
+        out[k] = sqrt(scale[k] * scale[k] + filter * filter);
+        out[3] *= scale[k] / out[k];
+    }
+}
+
+static void set_row(const double values[4], float row[SGS_PARAM_COUNT])
+{
+    for (int k = 0; k < 3; ++k)
+        row[SGS_PARAM_SCALE + k] = (float)log(values[k]);
+    row[SGS_PARAM_OPACITY] = (float)log(values[3] / (1 - values[3]));
+}
+
+static void get_row(const float row[SGS_PARAM_COUNT], double values[4])
+{
+    for (int k = 0; k < 3; ++k)
+        values[k] = exp((double)row[SGS_PARAM_SCALE + k]);
+    values[3] = 1 / (1 + exp(-(double)row[SGS_PARAM_OPACITY]));
+}
+
+// Raw scales from 0.15 f3 to 30 f3, opacities up to 0.999.
+static void removing_the_filter_restores_the_raw_primitive(void **state)
+{
+    (void)state;
+    for (uint64_t i = 0; i < 500; ++i) {
+        const double filter = exp(-8 + 8 * sgsi_random_uniform(1, 5 * i));
+        double raw[4], stored[4], got[4];
+        for (uint64_t k = 0; k < 3; ++k)
+            raw[k] = filter * exp(log(0.15) + log(200) * sgsi_random_uniform(1, 5 * i + k + 1));
+        raw[3] = i % 10 ? 0.01 + 0.98 * sgsi_random_uniform(1, 5 * i + 4) : 0.999;
+        filtered(raw, raw[3], filter, stored);
+        float row[SGS_PARAM_COUNT] = {0};
+        set_row(stored, row);
+        sgsi_filter_3d_unfuse(row, filter);
+        get_row(row, got);
+        for (int k = 0; k < 4; ++k)
+            if (!(fabs(got[k] / raw[k] - 1) <= 2e-4))
+                fail_msg("%llu: value %d: %g, expected %g", (unsigned long long)i, k, got[k],
+                         raw[k]);
+        sgsi_filter_3d_fuse(row, filter);
+        get_row(row, got);
+        for (int k = 0; k < 4; ++k)
+            assert_true(fabs(got[k] / stored[k] - 1) <= 5e-6);
+    }
+}
+
+// No raw scale gives a scale below that of the filter: what fusing makes of it is larger, by the
+// filter at most, and has the same opacity times volume.
+static void primitives_below_the_filter_keep_opacity_times_volume(void **state)
+{
+    (void)state;
+    for (uint64_t i = 0; i < 500; ++i) {
+        const double filter = 0.1;
+        double stored[4], got[4], before = 1, after = 1;
+        for (uint64_t k = 0; k < 3; ++k)
+            stored[k] = filter * exp(log(0.01) + log(300) * sgsi_random_uniform(2, 5 * i + k));
+        stored[i % 3] = fmin(stored[i % 3], filter);
+        stored[3] = 0.01 + 0.98 * sgsi_random_uniform(2, 5 * i + 4);
+        float row[SGS_PARAM_COUNT] = {0};
+        set_row(stored, row);
+        sgsi_filter_3d_unfuse(row, filter);
+        sgsi_filter_3d_fuse(row, filter);
+        get_row(row, got);
+        for (int k = 0; k < 3; ++k)
+            assert_true(got[k] >= stored[k] * (1 - 1e-6) &&
+                        got[k] <= sqrt(stored[k] * stored[k] + filter * filter) * (1 + 1e-6));
+        for (int k = 0; k < 4; ++k) {
+            before *= stored[k];
+            after *= got[k];
+        }
+        if (!(fabs(after / before - 1) <= 1e-5))
+            fail_msg("%llu: %g, expected %g", (unsigned long long)i, after, before);
+    }
+    float row[SGS_PARAM_COUNT] = {0}; // a scale of 0, and no filter
+    row[SGS_PARAM_SCALE] = -1000;
+    sgsi_filter_3d_unfuse(row, 0.1);
+    assert_true(isfinite(row[SGS_PARAM_SCALE]) && isfinite(row[SGS_PARAM_OPACITY]));
+    const float scale = row[SGS_PARAM_SCALE + 1];
+    sgsi_filter_3d_unfuse(row, 0);
+    sgsi_filter_3d_fuse(row, 0);
+    assert_true(row[SGS_PARAM_SCALE + 1] == scale);
+}
+
 static void filter_is_the_last_of_63_properties(void **state)
 {
     (void)state;
@@ -362,6 +450,8 @@ int main(void)
         cmocka_unit_test(the_nearest_view_is_found_among_many),
         cmocka_unit_test(ranks_are_those_of_a_sorted_copy),
         cmocka_unit_test(fused_model_looks_the_same_without_its_filter),
+        cmocka_unit_test(removing_the_filter_restores_the_raw_primitive),
+        cmocka_unit_test(primitives_below_the_filter_keep_opacity_times_volume),
         cmocka_unit_test(filter_is_the_last_of_63_properties),
         cmocka_unit_test(reset_limits_the_filtered_opacity),
         cmocka_unit_test(absolute_gradients_select_as_many_as_signed_ones),

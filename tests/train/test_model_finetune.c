@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Fine-tuning of a stored model: the bits of a trainer with that schedule, with the 3D filter
-// applied; an end by the caller.
+// applied once; the opacities of Taming 3DGS; an end by the caller.
 
 #include <math.h>
 #include <setjmp.h>
@@ -93,6 +93,43 @@ static void taming_trains_the_opacities(void **state)
     sgs_scene_destroy(scene);
 }
 
+// Sum of the logarithms of the volumes, and of the opacities.
+static void measure(const sgs_gaussians *model, double *volume, double *opacity)
+{
+    *volume = *opacity = 0;
+    for (size_t i = 0; i < model->count; ++i) {
+        for (int k = 0; k < 3; ++k)
+            *volume += (double)*sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k);
+        *opacity += 1 / (1 + exp(-(double)*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY)));
+    }
+}
+
+// A step changes a parameter by its learning rate: 0.005 for scales, 0.05 for logits. The filter
+// would make the volumes larger by a third or more, and the opacities smaller.
+static void the_filter_of_a_stored_model_is_not_applied_again(void **state)
+{
+    (void)state;
+    enum { COUNT = 200 };
+    sgs_gaussians *model = pack_model(COUNT, 1, 3), *stored, *tuned;
+    sgs_scene *scene = prune_scene(48, 32);
+    sgs_finetune_options options = sgs_finetune_options_default();
+    options.iterations = 1;
+    options.filter = SGS_FILTER_MIP;
+    assert_int_equal(sgs_finetune(model, scene, &options, &stored), SGS_STATUS_OK);
+    assert_int_equal(sgs_finetune(stored, scene, &options, &tuned), SGS_STATUS_OK);
+    double volume[2], opacity[2];
+    measure(stored, &volume[0], &opacity[0]);
+    measure(tuned, &volume[1], &opacity[1]);
+    print_message("log volume %+.4f, opacity %+.4f\n", (volume[1] - volume[0]) / COUNT,
+                  (opacity[1] - opacity[0]) / COUNT);
+    assert_true(fabs(volume[1] - volume[0]) <= COUNT * (3 * 0.005 + 0.001));
+    assert_true(fabs(opacity[1] - opacity[0]) <= COUNT * (0.05 / 4 + 0.001));
+    sgs_gaussians_destroy(tuned);
+    sgs_gaussians_destroy(stored);
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+}
+
 static bool stop_at_2(void *user, const sgs_step_info *info)
 {
     *(int *)user = info->iteration;
@@ -123,6 +160,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(result_is_that_of_a_trainer),
         cmocka_unit_test(taming_trains_the_opacities),
+        cmocka_unit_test(the_filter_of_a_stored_model_is_not_applied_again),
         cmocka_unit_test(caller_can_cancel),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

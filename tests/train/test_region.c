@@ -132,6 +132,15 @@ static void rows_outside_keep_their_bytes_and_rows_inside_train(void **state)
         assert_int_equal(before, after);
         if (memcmp(outside, left, before * ROW) != 0)
             fail_msg("%s: a primitive outside of the region changed", trainer->pipeline->name);
+        const float *filter = sgs_trainer_filter_3d(trainer);
+        sgs_gaussians *fused;
+        if (filter) { // the saved model
+            assert_int_equal(sgs_gaussians_fuse_filter_3d(model, filter, &fused), SGS_STATUS_OK);
+            free(left);
+            left = rows_of(fused, false, &after);
+            assert_memory_equal(outside, left, before * ROW);
+            sgs_gaussians_destroy(fused);
+        }
         // All rows inside have changed, and their number has.
         if (own == own_before)
             fail_msg("%s: the number of primitives did not change", trainer->pipeline->name);

@@ -97,6 +97,30 @@ done
 check the_point_is_not_repeated bash -c "! grep -F 'digits, 0.6' '$temporary/stderr'"
 run 0 experiment "$plan" -o "$out" --quiet
 
+# lpips_has_the_input_range_of_the_run: without pruning, LPIPS is that of the run; results with another range are repeated
+"$SPAREGS_BUILD/tests/test_lpips" alex "$temporary/alex.bin"
+write_plan '[{"prune": {"method": "refine", "ratio": 0}}]'
+jq --arg file "$temporary/alex.bin" '.variants = [{name: "off"}] |
+    .options += {spare: "off", iterations: 20, lpips: $file, lpips_input: "signed"}' "$plan" >"$plan.lpips"
+lpips=$temporary/lpips/runs/room/3dgs/off/seed_0
+result=$lpips/post/prune-refine/0.json
+for before in none same '.lpips_input = "unit"' 'del(.lpips_input)'; do
+    case $before in
+        none) ;;
+        same) touch -d 2001-01-01 "$result" ;;
+        *)
+            jq "($before) | .test.lpips = 0.5" "$result" >"$temporary/other.json"
+            mv "$temporary/other.json" "$result"
+            ;;
+    esac
+    run 0 experiment "$plan.lpips" -o "$temporary/lpips" --quiet
+    json "$result" ".lpips_input == \"signed\" and (.test.lpips - $(jq .test.lpips "$lpips/summary.json") | fabs) < 1e-6"
+    if [ "$before" = same ]; then
+        check the_same_range_is_not_repeated test ! "$result" -nt "$plan.lpips"
+    fi
+done
+json "$temporary/lpips/results.json" '.runs[0].post[0].lpips_input == "signed"'
+
 # tables_have_the_bd_figures
 run 0 report "$out" --pictures 0 --maps 0
 for k in 0 1; do

@@ -241,7 +241,8 @@ static post_run post_run_of(const experiment_run *run, const json_t *summary)
                       .model_hash = hash ? hash : "",
                       .threads = experiment_run_argument(run, "threads"),
                       .isa = experiment_run_argument(run, "isa"),
-                      .lpips = experiment_run_argument(run, "lpips")};
+                      .lpips = experiment_run_argument(run, "lpips"),
+                      .lpips_input = experiment_run_argument(run, "lpips-input")};
 }
 
 // The recorded results of a completed run.

@@ -457,16 +457,24 @@ static char *point_path(const post_point *point, const post_run *run, const char
     return format_text("%s/post/%s/%s%s", run->folder, point->step, point->point, suffix);
 }
 
+// True if a result has what --lpips and --lpips-input of the run request.
+static bool has_lpips(const json_t *result, const post_run *run)
+{
+    if (!run->lpips)
+        return true;
+    const char *input = json_string_value(json_object_get(result, "lpips_input"));
+    return json_is_number(json_object_get(json_object_get(result, "test"), "lpips")) &&
+           !strcmp(input ? input : "unit", run->lpips_input ? run->lpips_input : "unit");
+}
+
 json_t *post_result(const post_point *point, const post_run *run)
 {
     char *path = point_path(point, run, ".json");
     json_t *result = load_json(path, 0, NULL);
     free(path);
     const char *hash = json_string_value(json_object_get(result, "model_hash"));
-    const json_t *lpips = json_object_get(json_object_get(result, "test"), "lpips");
     if (hash && !strcmp(hash, run->model_hash) &&
-        json_equal(json_object_get(result, "settings"), point->settings) &&
-        (json_is_number(lpips) || !run->lpips))
+        json_equal(json_object_get(result, "settings"), point->settings) && has_lpips(result, run))
         return result;
     json_decref(result);
     return NULL;
@@ -573,6 +581,7 @@ static json_t *evaluate(const post_run *run, const char *model, const char *outp
     add_option(&list, "--run", run->folder);
     add_option(&list, "--split", "test");
     add_option(&list, "--lpips", run->lpips);
+    add_option(&list, "--lpips-input", run->lpips ? run->lpips_input : NULL);
     json_t *result = run_for_result(&list, run, output, status);
     argument_list_free(&list);
     return result;
@@ -593,6 +602,7 @@ static bool record(const post_point *point, const post_run *run, json_t *made, j
     json_object_set(result, "decode_seconds",
                     decoded ? json_object_get(decoded, "seconds") : json_null());
     json_object_set(result, "test", json_object_get(evaluated, "mean"));
+    json_object_set(result, "lpips_input", json_object_get(evaluated, "lpips_input"));
     char *path = point_path(point, run, ".json");
     const bool written = write_json(path, result);
     free(path);

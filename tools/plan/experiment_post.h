@@ -39,11 +39,13 @@ bool post_applies(const post_point *point, const char *variant);
 // A run that has completed its training.
 typedef struct post_run {
     const char *folder, *scene_path, *model_hash;
-    const char *threads, *isa, *lpips; // options of the run that apply to the commands, or NULL
+    // Options of the run that apply to the commands, or NULL.
+    const char *threads, *isa, *lpips, *lpips_input;
 } post_run;
 
 // The recorded result of a point for this run, or NULL: {"step", "kind", "method", "point",
-// "settings", "model_hash", "gaussians", "bytes", "seconds", "decode_seconds", "test"}.
+// "settings", "model_hash", "gaussians", "bytes", "seconds", "decode_seconds", "test"}, with
+// --lpips also {"lpips_input"}.
 json_t *post_result(const post_point *point, const post_run *run);
 
 // Prunes or compresses, evaluates, and records the result in RUN/post/STEP/POINT.json. The models

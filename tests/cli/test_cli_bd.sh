@@ -67,6 +67,23 @@ done
 run 2 bd "$post" "$post" --select-test variant
 reports "--select-test: 'variant' is not"
 
+# sizes_in_MiB_are_compared_with_bytes: the curves of SOG on Mip-NeRF 360, published in MiB, either in bytes
+printf 'size,psnr\n45.92,26.44\n39.28,25.98\n29.56,24.71\n' >"$a"
+printf 'size,psnr\n28.13,26.25\n24.13,25.80\n18.18,24.49\n' >"$b"
+awk -F, 'NR > 1 { $1 = sprintf("%.0f", $1 * 1048576) } NR == 1 { $1 = "bytes" } { print $1 "," $2 }' "$a" >"$temporary/a_bytes.csv"
+awk -F, 'NR > 1 { $1 = sprintf("%.0f", $1 * 1048576) } NR == 1 { $1 = "bytes" } { print $1 "," $2 }' "$b" >"$temporary/b_bytes.csv"
+run 0 bd "$a" "$b"
+prints "BD-rate   -35.60 %"
+check no_note_with_equal_columns test ! -s "$temporary/stderr"
+run 0 bd "$a" "$temporary/b_bytes.csv"
+prints "BD-rate   -35.60 %"
+reports "$a: column 'size' is taken as MiB, because $temporary/b_bytes.csv has 'bytes'"
+one_line
+run 0 bd "$temporary/a_bytes.csv" "$b"
+prints "BD-rate   -35.60 %"
+reports "$b: column 'size' is taken as MiB, because $temporary/a_bytes.csv has 'bytes'"
+printf 'size,psnr\n10,20\n20,25\n40,29\n' >"$a"
+
 # bad_tables_are_refused
 bad() { # MESSAGE: the printf format of the table is on stdin
     # shellcheck disable=SC2059 # a format

@@ -23,9 +23,10 @@ static const char description[] =
     "Compares the rate-distortion curve (size and PSNR) in TEST with that in ANCHOR: BD-rate is "
     "the mean change in size at equal PSNR, BD-PSNR the mean change in PSNR at equal size. Both "
     "files are CSV tables with a header that names the columns 'size' or 'bytes', and 'psnr' "
-    "(other columns are ignored), and three rows or more, in any order. --select chooses the rows "
-    "of one curve in a table of several, such as post.csv of an experiment. The curves are "
-    "interpolated by monotone cubics (PCHIP) over ln(size).";
+    "(other columns are ignored), and three rows or more, in any order. If one file has 'size' and "
+    "the other 'bytes', sizes are in MiB. --select chooses the rows of one curve in a table of "
+    "several, such as post.csv of an experiment. The curves are interpolated by monotone cubics "
+    "(PCHIP) over ln(size).";
 
 enum { COLUMNS = 2, MAX_POINTS = 100000, MAX_CONDITIONS = 16 };
 
@@ -59,6 +60,7 @@ typedef struct selection {
 typedef struct curve {
     sgs_rd_point *points;
     size_t count;
+    bool in_bytes; // the column is 'bytes', not 'size'
 } curve;
 
 // Length of the field that begins at `at`: up to the next comma outside of double quotes.
@@ -263,6 +265,7 @@ static bool read_rows(const char *path, FILE *stream, const selection *rows, cur
         }
         header = false;
         valid = find_columns(path, row, line, rows, &columns);
+        read->in_bytes = valid && !strcmp(columns.size_name, "bytes");
     }
     return valid;
 }
@@ -283,6 +286,14 @@ static bool curve_read(const char *path, const selection *rows, curve *read)
         valid = false;
     }
     return valid;
+}
+
+// Two tables with 'size' may have any unit. The tables of `report` and of papers use MiB.
+static void convert_to_bytes(const char *path, const char *other_path, curve *sizes)
+{
+    print_note("%s: column 'size' is taken as MiB, because %s has 'bytes'", path, other_path);
+    for (size_t k = 0; k < sizes->count; ++k)
+        sizes->points[k].size *= 1024.0 * 1024.0;
 }
 
 static void print_figure(const char *name, double value, const char *unit, const char *reason)
@@ -333,6 +344,9 @@ int command_bd(int argc, char **argv)
     curve anchor = {0}, test = {0};
     bool done = status < 0 && curve_read(call.line.operands[0], &of_anchor, &anchor) &&
                 curve_read(call.line.operands[1], &of_test, &test);
+    if (done && anchor.in_bytes != test.in_bytes)
+        convert_to_bytes(call.line.operands[anchor.in_bytes], call.line.operands[test.in_bytes],
+                         anchor.in_bytes ? &test : &anchor);
     if (done) {
         sgs_bd bd;
         done = !sgs_bd_compute(anchor.points, anchor.count, test.points, test.count, &bd);

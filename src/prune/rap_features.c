@@ -96,7 +96,9 @@ static void set_basis(rap_job *job)
 
 // Standard deviation of the colour over directions. The released code reads the coefficients,
 // stored [16][3], as [3][16] without transposing them. The published weights were trained with
-// that, so it is kept.
+// that, so it is kept. Models of a lower SH degree are read like models of degree 3 whose higher
+// bands are 0. The released code strides by (degree + 1)^2 then, a reading that the weights,
+// trained with degree 3, do not know.
 static double anisotropy_of(const rap_job *job, const float params[SGS_PARAM_COUNT])
 {
     const float *flat = params + SGS_PARAM_SH_DC;

@@ -3,7 +3,8 @@
 
 // Two multiply-adds issue per cycle with a latency of four or five, so the peak needs ten chains in
 // flight. A group is as many chains as fit in the registers next to the constants. Chains of a
-// group run together, groups one after the other.
+// group run together, groups one after the other. The values come from the caller: the compiler
+// would compute equal registers only once.
 
 #if SGSI_ISA == 2
 enum { GROUP_CHAINS = 12 };
@@ -13,18 +14,18 @@ enum { GROUP_CHAINS = 6 };
 enum { GROUP_CHAINS = 3 };
 #endif
 
-static void multiply_add(size_t rounds, float *out)
+static void multiply_add(size_t rounds, const float *start, float factor, float term, float *out)
 {
-    const vf x = vf_set1(0.999999f), y = vf_set1(1e-6f);
+    const vf x = vf_set1(factor), y = vf_set1(term);
     vf total = vf_zero();
-    for (int first = 0; first < SGSI_LIMIT_CHAINS; first += GROUP_CHAINS) {
+    for (size_t first = 0; first < SGSI_LIMIT_CHAINS; first += GROUP_CHAINS) {
         vf chain[GROUP_CHAINS];
-        for (int k = 0; k < GROUP_CHAINS; ++k)
-            chain[k] = vf_set1((float)(first + k));
+        for (size_t k = 0; k < GROUP_CHAINS; ++k)
+            chain[k] = vf_load(start + 16 * (first + k));
         for (size_t i = 0; i < rounds; ++i)
-            for (int k = 0; k < GROUP_CHAINS; ++k)
+            for (size_t k = 0; k < GROUP_CHAINS; ++k)
                 chain[k] = vf_fma(chain[k], x, y);
-        for (int k = 0; k < GROUP_CHAINS; ++k)
+        for (size_t k = 0; k < GROUP_CHAINS; ++k)
             total = vf_add(total, chain[k]);
     }
     vf_store(out, total);

@@ -22,7 +22,7 @@ enum {
     MEMORY_PER_THREAD = 64 << 20
 };
 
-static const sgsi_limit_kernels *current_kernels(void)
+const sgsi_limit_kernels *sgsi_limit_kernels_get(void)
 {
     static const sgsi_limit_kernels *const tables[SGS_ISA_COUNT] =
         SGSI_VARIANTS(&sgsi_limit_kernels);
@@ -49,11 +49,13 @@ static double measure_tsc(void)
 
 static double measure_multiply_add(const sgsi_limit_kernels *kernels)
 {
-    _Alignas(64) float out[16];
+    _Alignas(64) float chains[16 * SGSI_LIMIT_CHAINS], out[16];
     double best = INFINITY;
+    for (size_t i = 0; i < sizeof chains / sizeof *chains; ++i)
+        chains[i] = 1.0f + (float)i;
     for (int trial = 0; trial < TRIALS; ++trial) {
         const double start = sgsi_seconds();
-        kernels->multiply_add(ROUNDS, out);
+        kernels->multiply_add(ROUNDS, chains, 0.999999f, 1e-6f, out);
         best = fmin(best, sgsi_seconds() - start);
     }
     return 2.0 * 16.0 * SGSI_LIMIT_CHAINS * ROUNDS / best * 1e-9;
@@ -112,7 +114,7 @@ static double measure_stream(stream_job *job, size_t floats, bool writes)
 sgs_status sgs_machine_limits_measure(sgs_machine_limits *limits)
 {
     *limits = (sgs_machine_limits){0};
-    const sgsi_limit_kernels *kernels = current_kernels();
+    const sgsi_limit_kernels *kernels = sgsi_limit_kernels_get();
     const long l2 = sysconf(_SC_LEVEL2_CACHE_SIZE);
     size_t bytes = (size_t)sgsi_threads() * MEMORY_PER_THREAD;
     if (bytes < MEMORY_MIN)

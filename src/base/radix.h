@@ -4,6 +4,7 @@
 
 // Radix sort by the bits of positive floats, which have the same order as the floats.
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -39,4 +40,42 @@ static inline void sgsi_radix_sort(uint64_t *keys, uint64_t *spare, size_t count
         ++shift;
     sgsi_radix_pass(keys, spare, count, base, shift, 10);
     sgsi_radix_pass(spare, keys, count, base, shift + 10, 10);
+}
+
+// Insertion sort by the whole key. Returns false once it has moved more than max_moves keys by one
+// place: the keys are then partly sorted, and those with equal upper halves are in order among
+// themselves if they were before.
+static inline bool sgsi_insertion_sort(uint64_t *keys, size_t count, size_t max_moves)
+{
+    size_t moves = 0;
+    for (size_t i = 1; i < count && moves <= max_moves; ++i) {
+        const uint64_t key = keys[i];
+        size_t at = i;
+        for (; at && keys[at - 1] > key; --at)
+            keys[at] = keys[at - 1];
+        keys[at] = key;
+        moves += i - at;
+    }
+    return moves <= max_moves;
+}
+
+// Sorts by the whole key. The upper halves lie in [least, most]; keys with equal upper halves must
+// be in order. Insertion completes the radix sort. If a few keys stretch the range, so that many
+// keys are closer than the resolution, insertion would take a time proportional to the square of
+// their number; passes over all bits replace it.
+static inline void sgsi_sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least,
+                                  uint32_t most)
+{
+    enum { FEW = 96, MOVES_PER_KEY = 8, DIGIT = 8 };
+    if (count <= FEW) {
+        sgsi_insertion_sort(keys, count, SIZE_MAX);
+        return;
+    }
+    sgsi_radix_sort(keys, spare, count, least, most);
+    if (sgsi_insertion_sort(keys, count, MOVES_PER_KEY * count))
+        return;
+    for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
+        sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
+        sgsi_radix_pass(spare, keys, count, 0, shift + DIGIT, DIGIT);
+    }
 }

@@ -294,27 +294,6 @@ typedef struct forward_pass {
     size_t first_macrotile;
 } forward_pass;
 
-static void insert_keys(uint64_t *keys, size_t count)
-{
-    for (size_t i = 1; i < count; ++i) {
-        const uint64_t key = keys[i];
-        size_t at = i;
-        for (; at && keys[at - 1] > key; --at)
-            keys[at] = keys[at - 1];
-        keys[at] = key;
-    }
-}
-
-// Sorts by the whole key: a radix sort by the distance's bits, in [min_bits, max_bits], then
-// insertion.
-static void sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t min_bits,
-                      uint32_t max_bits)
-{
-    if (count > 96)
-        sgsi_radix_sort(keys, spare, count, min_bits, max_bits);
-    insert_keys(keys, count);
-}
-
 // The tiles of a macrotile, their numbers in the image and their depth bounds.
 static sgsi_macrotile open_macrotile(const forward_pass *pass, int macrotile,
                                      int numbers[SGSI_MACROTILE_SIDE * SGSI_MACROTILE_SIDE])
@@ -348,7 +327,7 @@ static void sort_by_row(const sgsi_scratch *s, const uint32_t *rows, uint64_t *k
             sgsi_radix_pass(spare, keys, count, 0, shift + DIGIT, DIGIT);
         }
     else
-        insert_keys(keys, count);
+        sgsi_insertion_sort(keys, count, SIZE_MAX);
 }
 
 // Sorts the candidates of a macrotile by distance, then by row, and removes duplicates: if the rays
@@ -365,7 +344,7 @@ static size_t order_macrotile(thread_state *state, const uint32_t *rows, size_t 
         min_bits = bits < min_bits ? bits : min_bits;
         max_bits = bits > max_bits ? bits : max_bits;
     }
-    sort_keys(keys, spare, count, min_bits, max_bits);
+    sgsi_sort_keys(keys, spare, count, min_bits, max_bits);
     size_t unique = 0, end = 0;
     for (size_t begin = 0; begin < count; begin = end) {
         for (end = begin + 1; end < count && keys[end] >> 32 == keys[begin] >> 32;)
@@ -437,7 +416,7 @@ static uint64_t count_distinct(thread_state *state)
         keys[i] = (uint64_t)list->ids[i] << 32;
         max = list->ids[i] > max ? list->ids[i] : max;
     }
-    sort_keys(keys, spare, list->count, 0, max);
+    sgsi_sort_keys(keys, spare, list->count, 0, max);
     for (size_t i = 0; i < list->count; ++i)
         distinct += !i || keys[i] != keys[i - 1];
     return distinct;

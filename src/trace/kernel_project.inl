@@ -71,18 +71,34 @@ static inline void project_bounds(const sgsi_project *input, size_t block, const
     store_bounds(input->bounds + 16 * block, place, half);
 }
 
+// Mask of the primitives with a possible hit beyond the near distance. On a ray, the hit is at the
+// largest response, where (M x).(M x - M delta) = 0: on the sphere over the diameter from the
+// camera to the mean, in the metric of M, and within the support. Hence
+//     |x - delta / 2| <= longest P / 2,    |x - delta| <= longest reach.
+static inline vm hits_beyond_near(const sgsi_view *view, const gaussian16 *g, vf longest, vf reach)
+{
+    const vf over_diameter = vf_mul(vf_set1(0.5f), vf_fma(longest, g->p, g->distance));
+    const vf farthest = vf_min(over_diameter, vf_fma(longest, reach, g->distance));
+    return vf_gt(vf_mul(farthest, vf_set1(1.0005f)), vf_set1(view->near_distance));
+}
+
 // Projected radius of 3DGS: 3 sqrt(lambda_max) of the projected covariance + 0.3 px^2 (0.1 with the
-// mip filter), rounded up; 0 if not visible.
-static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm in_cone)
+// mip filter), rounded up; 0 if not visible. As in 3DGS, perspective lenses do not see a centre
+// nearer than the near distance. Fisheye lenses have no such limit: there, a primitive is visible
+// if it may have a hit, and its radius is measured at the near distance or farther.
+static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm in_cone,
+                                  vm beyond_near)
 {
     const sgsi_rays *rays = view->rays;
     const vf zero = vf_zero(), one = vf_set1(1.0f), pixel = vf_set1(view->mip ? 0.1f : 0.3f);
+    const vf largest = vf_set1(1e12f); // variance, px^2
     if (rays->fisheye) {
         const vf longest = vf_max(g->body.x, vf_max(g->body.y, g->body.z));
-        const vf sigma = vf_div(vf_mul(longest, vf_set1(rays->focal)), g->distance);
-        const vf radius =
-            vf_add(vf_mul(vf_set1(3.0f), vf_sqrt(vf_fma(sigma, sigma, pixel))), vf_set1(0.5f));
-        return vf_keep(in_cone, radius);
+        const vf distance = vf_max(g->distance, vf_set1(view->near_distance));
+        const vf sigma = vf_div(vf_mul(longest, vf_set1(rays->focal)), distance);
+        const vf variance = vf_min(vf_fma(sigma, sigma, pixel), largest);
+        const vf radius = vf_add(vf_mul(vf_set1(3.0f), vf_sqrt(variance)), vf_set1(0.5f));
+        return vf_keep(vm_and(in_cone, beyond_near), radius);
     }
     const float width = (float)rays->camera.width, height = (float)rays->camera.height;
     const vf z = g->delta.z;
@@ -106,7 +122,7 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
     const vf middle = vf_mul(vf_set1(0.5f), vf_add(xx, yy));
     const vf det = vf_fms(xx, yy, vf_mul(xy, xy));
     const vf lambda = vf_add(middle, vf_sqrt(vf_max(vf_set1(0.1f), vf_fms(middle, middle, det))));
-    const vf exact = vf_mul(vf_set1(3.0f), vf_sqrt(vf_min(lambda, vf_set1(1e12f))));
+    const vf exact = vf_mul(vf_set1(3.0f), vf_sqrt(vf_min(lambda, largest)));
     vf radius = vi_to_vf(vf_to_vi(exact));
     radius = vf_select(vf_lt(radius, exact), vf_add(radius, one), radius); // ceil
     // The square around the centre must overlap a 16x16 tile of the image. Pixel centres are
@@ -121,9 +137,9 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
 }
 
 static inline void project_statistics(const sgsi_project *input, size_t block, const gaussian16 *g,
-                                      vm in_cone)
+                                      vm in_cone, vm beyond_near)
 {
-    const vf radius = projected_radius(&input->view, g, in_cone);
+    const vf radius = projected_radius(&input->view, g, in_cone, beyond_near);
     const vm visible = vm_and(in_cone, vf_gt(radius, vf_zero()));
     if (input->visible)
         input->visible[block] = (uint16_t)vm_bits(visible);
@@ -198,7 +214,8 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         const vm traced = vm_and(in_cone, opaque);
         project_bounds(input, block, &g, reach, sane, traced);
         if (input->visible_count || input->visible)
-            project_statistics(input, block, &g, in_cone);
+            project_statistics(input, block, &g, in_cone,
+                               hits_beyond_near(&input->view, &g, longest, reach));
         if (vm_any(traced))
             store_projected(input, block, &g, log_opacity, vf_mul(reach, longest), traced);
         else

@@ -15,7 +15,7 @@ enum { GRAIN = 4096 };
 
 typedef struct normals_job {
     const sgs_gaussians *model;
-    const float *center;
+    const double *center;
     float *normals;
 } normals_job;
 
@@ -51,7 +51,8 @@ static void fill_range(void *context, size_t begin, size_t end, int thread)
             quaternion[k] = row[(SGS_PARAM_ROTATION + k) * SGS_LANES];
         rotation_column(quaternion, shortest, axis);
         for (int k = 0; k < 3; ++k)
-            along += axis[k] * (row[(SGS_PARAM_MEAN + k) * SGS_LANES] - job->center[k]);
+            along +=
+                axis[k] * (float)((double)row[(SGS_PARAM_MEAN + k) * SGS_LANES] - job->center[k]);
         const float sign = along > 0.0f ? -1.0f : 1.0f;
         float *normal = job->normals + 4 * n;
         for (int k = 0; k < 3; ++k)
@@ -60,7 +61,7 @@ static void fill_range(void *context, size_t begin, size_t end, int thread)
     }
 }
 
-void sgsi_normals_fill(const sgs_gaussians *model, const float center[3], float *normals)
+void sgsi_normals_fill(const sgs_gaussians *model, const double center[3], float *normals)
 {
     normals_job job = {model, center, normals};
     sgsi_parallel_ranges(model->count, GRAIN, fill_range, &job);

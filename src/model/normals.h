@@ -9,4 +9,4 @@
 // normals [model->count][4]: unit, world axes; the fourth component is 0. The first of equally
 // short axes is used. A primitive at `center` keeps the sign of its axis; one without a finite
 // rotation gets 0. Cannot fail.
-void sgsi_normals_fill(const sgs_gaussians *model, const float center[3], float *normals);
+void sgsi_normals_fill(const sgs_gaussians *model, const double center[3], float *normals);

@@ -65,7 +65,10 @@ typedef struct sgsi_rays {
 typedef struct sgsi_view {
     const sgsi_rays *rays;
     float rotation[9]; // world to camera
-    float center[3];   // world
+    float center[3];   // world, rounded
+    // What rounding removed from `center`. x - center is exact for x near the camera, so that (x -
+    // center) - center_low is as precise far from the origin as it is near it.
+    float center_low[3];
     float near_distance;
     float dilation; // 0.3 / f^2 for the 3dgs filter, 0.1 / f^2 for mip, 0 for none
     bool mip;       // Mip-Splatting's filters, which preserve area times opacity

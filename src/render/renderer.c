@@ -211,6 +211,7 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
     memcpy(aov->position, frame->position, sizeof aov->position);
     memcpy(aov->rotation, view->rotation, sizeof aov->rotation);
     memcpy(aov->center, view->center, sizeof aov->center);
+    memcpy(aov->center_low, view->center_low, sizeof aov->center_low);
     const bool normal = any_plane(aov->normal), position = any_plane(aov->position);
     renderer->planes.aov = normal || position || aov->primitive || aov->axis_depth ? aov : NULL;
     if (!normal)
@@ -225,7 +226,10 @@ static sgs_status prepare_aov(sgs_renderer *renderer, const sgsi_view *view,
                              "not enough memory for the normals of %zu primitives",
                              renderer->model->count);
     }
-    sgsi_normals_fill(renderer->model, view->center, renderer->normals);
+    double center[3];
+    for (int k = 0; k < 3; ++k)
+        center[k] = (double)view->center[k] + (double)view->center_low[k];
+    sgsi_normals_fill(renderer->model, center, renderer->normals);
     aov->normals = renderer->normals;
     return SGS_STATUS_OK;
 }

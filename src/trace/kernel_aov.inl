@@ -79,11 +79,13 @@ static void store_normal(const sgsi_tile_target *target, int b, const block_sums
 static void store_position(const sgsi_tile_target *target, int b, vec3 direction, vf mean, vm any)
 {
     const vec3 x = rotate3_back(target->aov->rotation, scale3(direction, mean));
-    const vf point[3] = {x.x, x.y, x.z};
-    for (int c = 0; c < 3; ++c)
+    const vf from_center[3] = {x.x, x.y, x.z};
+    for (int c = 0; c < 3; ++c) {
+        const vf point = vf_add(vf_add(from_center[c], vf_set1(target->aov->center_low[c])),
+                                vf_set1(target->aov->center[c]));
         if (target->aov->position[c])
-            store_block(target->aov->position[c], target, b,
-                        vf_keep(any, vf_add(point[c], vf_set1(target->aov->center[c]))));
+            store_block(target->aov->position[c], target, b, vf_keep(any, point));
+    }
 }
 
 static void visit_block(const sgsi_scratch *s, const sgsi_tile_target *target, int b,

@@ -145,12 +145,18 @@ static inline vf mip_factor(const gaussian16 *g)
     return vf_mul(vf_mul(kept.x, vf_mul(kept.y, kept.z)), vf_sqrt(ratio));
 }
 
+// Coordinate k of the means minus that of the camera centre, world axes.
+static inline vf from_center(const float *p, const sgsi_view *view, int k)
+{
+    return vf_sub(vf_sub(vf_load(p + 16 * (SGS_PARAM_MEAN + k)), vf_set1(view->center[k])),
+                  vf_set1(view->center_low[k]));
+}
+
 // Loads block number `block` of 16 primitives; p: its parameters (model layout).
 static inline void load_gaussian(const float *p, size_t block, const sgsi_view *view, gaussian16 *g)
 {
-    g->delta_world = (vec3){vf_sub(vf_load(p), vf_set1(view->center[0])),
-                            vf_sub(vf_load(p + 16), vf_set1(view->center[1])),
-                            vf_sub(vf_load(p + 32), vf_set1(view->center[2]))};
+    g->delta_world =
+        (vec3){from_center(p, view, 0), from_center(p, view, 1), from_center(p, view, 2)};
     g->delta = rotate3(view->rotation, g->delta_world);
     g->distance = vf_max(vf_sqrt(dot3(g->delta, g->delta)), vf_set1(1e-12f));
     g->depth = view->rays->fisheye ? g->distance : g->delta.z;

@@ -100,8 +100,9 @@ typedef struct sgsi_aov {
     uint32_t *primitive;
     // [count][4]: normal of each primitive, world axes; NULL without a plane of `normal`.
     const float *normals;
-    float rotation[9], center[3]; // of the view; required by `position`
-    bool axis_depth;              // measure distances along the camera axis
+    // Of the view; required by `position`.
+    float rotation[9], center[3], center_low[3];
+    bool axis_depth; // measure distances along the camera axis
     // Called by all threads for each block with its hits; may be NULL.
     void (*visit)(void *context, const sgsi_block_hits *hits);
     void *context;

@@ -212,8 +212,11 @@ void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
                         .compact_box = (float)options->compact_box};
     for (int k = 0; k < 9; ++k)
         view->rotation[k] = (float)pose->rotation[k];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; ++k) {
         view->center[k] = (float)center[k];
+        const volatile float rounded = view->center[k]; // GCC 12 takes (double)(float)x for x
+        view->center_low[k] = (float)(center[k] - (double)rounded);
+    }
 }
 
 sgs_status sgsi_tracer_receive(sgsi_tracer *tracer, size_t count, sgsi_received *received)
@@ -361,6 +364,7 @@ static size_t order_macrotile(thread_state *state, const uint32_t *rows, size_t 
 sgsi_packet sgsi_macrotile_packet(const sgsi_view *view, int macrotile, float far)
 {
     const sgsi_rays *rays = view->rays;
+    // The padding of the bounds covers the rounding of the origin.
     sgsi_packet packet = {.origin = {view->center[0], view->center[1], view->center[2]},
                           .valid = rays->macrotile_valid[macrotile]};
     for (int i = 0; i < 16; ++i) {

@@ -50,7 +50,7 @@ static void find_range(void *context, size_t begin, size_t end, int thread)
         float center[3], magnitude = 0.0f;
         for (int k = 0; k < 3; ++k) {
             const float mean = 0.5f * box->lower[k] + 0.5f * box->upper[k];
-            center[k] = mean - job->view->center[k];
+            center[k] = mean - job->view->center[k] - job->view->center_low[k];
             magnitude = fmaxf(magnitude, fabsf(mean));
         }
         const float radius = 1.001f * row[SGSI_PROJECTED_RADIUS] + 4e-6f * magnitude;

@@ -342,6 +342,28 @@ static inline sgs_pose oracle_pose_look_at(double x, double y, double z)
     return pose;
 }
 
+// ---- Far from the origin ----
+
+// A float has steps of 1e-3 there, and no value for the centre of a camera that has moved along.
+static const double oracle_far_away[3] = {1e4, -7e3, 1.3e4};
+
+// Rounds the moved means to floats.
+static inline void oracle_scene_move(oracle_scene *scene, const double offset[3])
+{
+    for (size_t i = 0; i < scene->count; ++i)
+        for (int k = 0; k < 3; ++k)
+            oracle_primitive(scene, i)[SGS_PARAM_MEAN + k] += offset[k];
+    oracle_scene_round(scene);
+}
+
+static inline sgs_pose oracle_pose_move(sgs_pose pose, const double offset[3])
+{
+    for (int row = 0; row < 3; ++row)
+        for (int k = 0; k < 3; ++k)
+            pose.translation[row] -= pose.rotation[3 * row + k] * offset[k];
+    return pose;
+}
+
 // ---- Comparison ----
 
 // a - b| relative to max(|a|, |b|, scale); infinite if either is NaN, 0 if both are equal.

@@ -207,6 +207,25 @@ static void adversarial_aovs_equal_the_oracle(void **state)
     }
 }
 
+// Positions differ by half a step of the floats of world coordinates, 5e-4, and the distances
+// divide them by 3 and more.
+static void aovs_far_from_the_origin_equal_the_oracle(void **state)
+{
+    (void)state;
+    const sgs_pose pose = oracle_pose_move(oracle_pose_look_at(2.1, -1.3, -3.2), oracle_far_away);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_OPENCV, 61, 45);
+    const sgs_render_options options = sgs_render_options_default();
+    oracle_scene scene = oracle_random_model(31, 300, NULL);
+    oracle_scene_move(&scene, oracle_far_away);
+    aov_errors errors = {0};
+    compare_with_oracle(&scene, &camera, &pose, &options, &errors);
+    print_message("far: normal %.2g, position %.2g, distance %.2g, %zu pixels\n", errors.normal,
+                  errors.position, errors.distance, errors.compared);
+    assert_true(errors.normal <= 2e-5 && errors.position <= 1.7e-4 && errors.distance <= 2e-5);
+    assert_true(errors.compared > 61 * 45 * 9 / 10);
+    oracle_scene_free(&scene);
+}
+
 // ---- Known surfaces ----
 
 // A flat disc whose thin axis is `side` (unit, either sign).
@@ -561,6 +580,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(aovs_equal_the_oracle_on_every_isa_and_lens),
         cmocka_unit_test(adversarial_aovs_equal_the_oracle),
+        cmocka_unit_test(aovs_far_from_the_origin_equal_the_oracle),
         cmocka_unit_test(depth_of_planes_is_true),
         cmocka_unit_test(depth_of_spheres_is_true),
         cmocka_unit_test(unrequested_planes_are_null),

@@ -384,6 +384,22 @@ static void gradients_equal_the_oracle_inside_the_scene(void **state)
     oracle_scene_free(&scene);
 }
 
+static void gradients_equal_the_oracle_far_from_the_origin(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(41, 200, NULL);
+    oracle_scene_move(&scene, oracle_far_away);
+    for (int run = 0; run < 2 * TRACED_LENS_COUNT; ++run) {
+        case_options options = default_case(traced_lenses[run / 2]);
+        options.pose = oracle_pose_move(options.pose, oracle_far_away);
+        options.filter = run % 2 ? SGS_FILTER_MIP : SGS_FILTER_3DGS;
+        const agreement a = run_case(&scene, &options, NULL);
+        print_agreement("far", &a);
+        assert_true(agrees(&a, 1e-4, 1e-4));
+    }
+    oracle_scene_free(&scene);
+}
+
 // ---- Planted errors are detected ----
 
 typedef enum plant {
@@ -562,6 +578,7 @@ int main(void)
         cmocka_unit_test_teardown(gradients_equal_the_oracle_where_rays_end_at_small_primitives,
                                   traced_restore),
         cmocka_unit_test(gradients_equal_the_oracle_inside_the_scene),
+        cmocka_unit_test(gradients_equal_the_oracle_far_from_the_origin),
         cmocka_unit_test(comparison_detects_planted_errors),
         cmocka_unit_test_teardown(repeated_steps_allocate_nothing, traced_restore),
     };

@@ -201,7 +201,7 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
 {
     const vf one = vf_set1(1.0f);
     chain_shape(g, sums, input->view.mip, out);
-    out->opacity = vf_mul(sums[SGSI_GRAD_SUM_V], vf_sub(one, g->opacity_stored));
+    out->opacity = vf_mul(sums[SGSI_GRAD_SUM_V], g->transparency);
     if (input->view.linear_opacity) { // a primitive that was hit has x != 0
         const vf x = vf_load(p + 16 * SGS_PARAM_OPACITY);
         const vm seen = vf_gt(vf_abs(x), vf_set1(1e-6f));
@@ -235,9 +235,9 @@ static inline void chain_rule(const sgsi_optimize *input, const float *p, const 
 // The regularisers of optimize.h: dL/dlogit = w o (1 - o), dL/dlog s_k = w s_k.
 static inline void regularise(const sgsi_optimize *input, const gaussian16 *g, gradient16 *d)
 {
-    const vf o = g->opacity_stored, weight = vf_set1(input->scale_loss);
-    d->opacity =
-        vf_fma(vf_mul(vf_set1(input->opacity_loss), o), vf_sub(vf_set1(1.0f), o), d->opacity);
+    const vf weight = vf_set1(input->scale_loss);
+    d->opacity = vf_fma(vf_mul(vf_set1(input->opacity_loss), g->opacity_stored), g->transparency,
+                        d->opacity);
     d->scale[0] = vf_fma(weight, g->scale.x, d->scale[0]);
     d->scale[1] = vf_fma(weight, g->scale.y, d->scale[1]);
     d->scale[2] = vf_fma(weight, g->scale.z, d->scale[2]);

@@ -53,6 +53,7 @@ typedef struct gaussian16 {
     vec3 inv_filtered;
     vf opacity;        // as traced
     vf opacity_stored; // of the parameter; differs with the mip filter only
+    vf transparency;   // 1 - opacity_stored
     vec3 q1, q2, q3;   // rows of the rotation that puts M delta on the third axis
     vf p;              // P = |M delta|
 } gaussian16;
@@ -180,9 +181,14 @@ static inline void load_gaussian(const float *p, size_t block, const sgsi_view *
     g->inv_filtered =
         (vec3){vf_div(one, g->filtered.x), vf_div(one, g->filtered.y), vf_div(one, g->filtered.z)};
     const vf logit = vf_clamp(vf_load(p + 16 * SGS_PARAM_OPACITY), low, high);
-    g->opacity_stored = view->linear_opacity
-                            ? vf_abs(logit)
-                            : vf_div(one, vf_add(one, vf_exp(vf_sub(vf_zero(), logit))));
+    if (view->linear_opacity) {
+        g->opacity_stored = vf_abs(logit);
+        g->transparency = vf_sub(one, g->opacity_stored);
+    } else { // 1 - 1 / (1 + e) cancels for large logits, e / (1 + e) does not
+        const vf e = vf_exp(vf_sub(vf_zero(), logit));
+        g->opacity_stored = vf_div(one, vf_add(one, e));
+        g->transparency = vf_mul(e, g->opacity_stored);
+    }
     g->opacity = view->mip ? vf_mul(g->opacity_stored, mip_factor(g)) : g->opacity_stored;
     const vec3 m_delta = {vf_mul(dot3(g->axis[0], g->delta), g->inv_filtered.x),
                           vf_mul(dot3(g->axis[1], g->delta), g->inv_filtered.y),

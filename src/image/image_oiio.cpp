@@ -125,10 +125,16 @@ Layout layout_of(const OIIO::ImageSpec &spec)
     return out;
 }
 
+// True for the file signature of WebP: RIFF, a size, WEBP.
+bool is_webp(const char *path)
+{
+    char head[12] = "";
+    return OIIO::Filesystem::read_bytes(path, head, sizeof head) == sizeof head &&
+           !std::memcmp(head, "RIFF", 4) && !std::memcmp(head + 8, "WEBP", 4);
+}
+
 sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input, Layout &layout)
 {
-    OIIO::ImageSpec config;
-    config.attribute("oiio:UnassociatedAlpha", 1);
     struct stat info;
     if (stat(path, &info))
         return sgsi_fail(SGS_STATUS_IO, "%s: %s", path,
@@ -138,6 +144,11 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     // Registers the formats before the first file: OpenImageIO 2.4 lets a second thread try only
     // the formats registered so far, which fails for a PNG file named .jpg.
     static const std::string formats = OIIO::get_string_attribute("input_format_list");
+    // Requests straight alpha. The attribute of the same name says whether it was obtained, with
+    // two exceptions: WebP in OpenImageIO 3.1.3 to 3.1.9, so that all versions have to premultiply
+    // it, and JPEG 2000, which is always straight then.
+    OIIO::ImageSpec config;
+    config.attribute("oiio:UnassociatedAlpha", int(!is_webp(path)));
     auto opened = OIIO::ImageInput::open(path, &config);
     if (!opened)
         return unreadable(path, OIIO::geterror());
@@ -151,6 +162,8 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     if (spec.deep || spec.nchannels < 1 || spec.depth > 1)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: not a flat two-dimensional image", path);
     layout = layout_of(spec);
+    if (std::strcmp(opened->format_name(), "jpeg2000") == 0)
+        layout.associated = false;
     input = std::move(opened);
     return SGS_STATUS_OK;
 }

@@ -43,6 +43,7 @@
 
 extern "C" {
 #include "base/core.h"
+#include "image/exr_channels.h"
 #include "image/primaries.h"
 #include "sparegs/runtime.h"
 }
@@ -53,6 +54,7 @@ namespace
 constexpr int max_size = 65536;
 constexpr int64_t max_pixels = int64_t(1) << 30;
 constexpr int slab_rows = 64;
+constexpr size_t max_shown = 64;               // bytes of a name in a note
 constexpr size_t slab_bytes = size_t(1) << 28; // of more than one scanline
 constexpr size_t max_slab_bytes = size_t(1) << 31;
 
@@ -298,6 +300,7 @@ struct Colors {
     OIIO::ColorProcessorHandle processor; // other: converts to linear light
     bool primaries = false;               // multiply linear light by the matrix
     double matrix[3][3] = {};             // to Rec. 709
+    std::string notes[SGSI_NOTES];        // see sgsi_image_info
 };
 
 std::string lower(std::string text)
@@ -326,60 +329,30 @@ std::string color_spaces(const OIIO::ColorConfig &config)
     return joined(names);
 }
 
-// True if `name` is `wanted`, with or without a layer prefix ("beauty.R").
-bool names_channel(const std::string &name, const char *wanted)
+// Uses the colour channels of an EXR file. The note says which of several layers they are.
+bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout, std::string &note)
 {
-    const size_t dot = name.rfind('.');
-    return lower(dot == std::string::npos ? name : name.substr(dot + 1)) == wanted;
-}
-
-// The part of a channel's name before its last dot, with the dot.
-std::string layer_of(const std::string &name)
-{
-    const size_t dot = name.rfind('.');
-    return dot == std::string::npos ? "" : name.substr(0, dot + 1);
-}
-
-// Finds the channels of EXR files by name: those of the main layer, or of the first layer that has
-// R, G and B; without either, Y of the main layer.
-bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout)
-{
-    static const char *const wanted[] = {"r", "g", "b", "a", "y"};
-    std::vector<std::string> layers = {""};
+    std::vector<const char *> names;
     for (const std::string &name : spec.channelnames)
-        if (std::find(layers.begin(), layers.end(), layer_of(name)) == layers.end())
-            layers.push_back(layer_of(name));
-    int found[4] = {-1, -1, -1, -1}, grey = -1;
-    for (const std::string &layer : layers) {
-        int own[5] = {-1, -1, -1, -1, -1};
-        for (int c = 0; c < spec.nchannels; ++c) {
-            const std::string &name = spec.channelnames[size_t(c)];
-            for (int k = 0; k < 5; ++k)
-                if (own[k] < 0 && layer_of(name) == layer && names_channel(name, wanted[k]))
-                    own[k] = c;
-        }
-        if (layer.empty() && own[4] >= 0) {
-            grey = own[4];
-            found[3] = own[3];
-        }
-        if (own[0] >= 0 && own[1] >= 0 && own[2] >= 0) {
-            std::copy(own, own + 4, found);
-            break;
-        }
-    }
-    if (found[0] < 0 || found[1] < 0 || found[2] < 0) {
-        if (grey < 0)
-            return false;
-        found[0] = found[1] = found[2] = grey;
-    }
+        names.push_back(name.c_str());
+    sgsi_exr_colors colors;
+    if (!sgsi_exr_find_colors(names.data(), int(names.size()), &colors))
+        return false;
+    const int *const found = colors.channels;
     layout.channels = found[3] >= 0 ? 4 : 3;
     layout.associated = layout.channels == 4;
     layout.cmyk = false; // the channels found are colours, whatever the others are
-    int *const sources_end = found + layout.channels;
+    const int *const sources_end = found + layout.channels;
     layout.first = *std::min_element(found, sources_end);
     layout.read = 1 + *std::max_element(found, sources_end) - layout.first;
     for (int c = 0; c < layout.channels; ++c)
         layout.source[c] = found[c] - layout.first;
+    const char *const red = names[size_t(found[0])];
+    const std::string layer(red, size_t(sgsi_exr_layer_length(red)));
+    if (colors.rgb_layers > 1)
+        note = std::to_string(colors.rgb_layers) + " layers have R, G and B; '" +
+               one_line(layer.substr(0, max_shown)) +
+               "' is used; to select another one, name it Combined";
     return true;
 }
 
@@ -482,7 +455,7 @@ sgs_status open_photo(const char *path, const char *colorspace,
     const OIIO::ImageSpec &spec = input->spec();
     layout.type = OIIO::TypeDesc::FLOAT;
     const bool is_exr = std::strcmp(input->format_name(), "openexr") == 0;
-    if (is_exr && !find_exr_channels(spec, layout))
+    if (is_exr && !find_exr_channels(spec, layout, colors.notes[SGSI_NOTE_LAYER]))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: no colour channels R, G, B or Y; the channels are %s", path,
                          joined(spec.channelnames).c_str());
@@ -624,7 +597,10 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
                  spec.full_height,
                  is_exr ? spec.x - spec.full_x : 0,
                  is_exr ? spec.y - spec.full_y : 0,
-                 spec.get_int_attribute("Orientation", 1)};
+                 spec.get_int_attribute("Orientation", 1),
+                 {}};
+        for (int k = 0; k < SGSI_NOTES; ++k)
+            std::snprintf(info->notes[k], SGSI_NOTE_SIZE, "%s", colors.notes[k].c_str());
         return SGS_STATUS_OK;
     });
 }

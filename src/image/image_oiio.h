@@ -21,6 +21,9 @@ sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image);
 // Size and channels (3 or 4, as from sgsi_oiio_read), from the header only.
 sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *channels);
 
+// What the user should check in a photo's file: which of several layers with colours it is.
+enum { SGSI_NOTE_LAYER, SGSI_NOTES, SGSI_NOTE_SIZE = 256 };
+
 // Properties of a photo's file that affect its decoding.
 typedef struct sgsi_image_info {
     int width, height;
@@ -32,6 +35,7 @@ typedef struct sgsi_image_info {
     int full_width, full_height;
     int left, top;   // of an EXR file: position of the data window in the display window
     int orientation; // Exif, 1 to 8, of the file; not applied. 1 = upright, or not recorded
+    char notes[SGSI_NOTES][SGSI_NOTE_SIZE]; // for warnings that name the file; "" = none
 } sgsi_image_info;
 
 // Reads the header. `colorspace` overrides the file's colour space; NULL = use the file's, or if

@@ -116,8 +116,11 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     if (l.scene)
         l.scene->path = sgsi_strdup(path);
     status = l.scene && l.scene->path ? load(&l) : sgsi_scene_no_memory(path);
-    for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i)
+    for (size_t i = 0; l.slots && i < l.dataset.frame_count; ++i) {
         sgsi_free(l.slots[i].error);
+        for (int k = 0; k < SGSI_NOTES; ++k)
+            sgsi_free(l.slots[i].notes[k]);
+    }
     sgsi_free(l.slots);
     sgsi_progress_end(&l.progress);
     sgsi_free(l.sources);

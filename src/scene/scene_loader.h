@@ -23,6 +23,7 @@ enum { SGSI_AUTOMATIC_WIDTH = 1600 };
 typedef struct sgsi_view_slot {
     sgs_status status;
     char *error;
+    char *notes[SGSI_NOTES];     // see sgsi_image_info; NULL = none
     int file_width, file_height; // before downscaling
     int width, height;           // after downscaling
     int channels;

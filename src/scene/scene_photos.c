@@ -99,6 +99,8 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
     if (!s->status)
         s->status = sgsi_photo_check_window(path, &info, &l->dataset.frames[i].camera);
     set_size(l, s, info.width, info.height);
+    for (int k = 0; k < SGSI_NOTES; ++k) // without memory, the warning is omitted
+        s->notes[k] = info.notes[k][0] ? sgsi_strdup(info.notes[k]) : NULL;
     s->channels = info.channels;
     s->linear = info.linear;
     l->scene->views[i].orientation = info.orientation;

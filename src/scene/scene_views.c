@@ -8,6 +8,7 @@
 
 #include <errno.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -233,6 +234,23 @@ static bool is_usable(sgsi_scene_loader *l, size_t i, view_tally *tally)
     return true;
 }
 
+// Warns once per kind of note: of the first photo, and of the number of the others.
+static void warn_of_notes(const sgsi_scene_loader *l)
+{
+    for (int k = 0; k < SGSI_NOTES; ++k) {
+        size_t found = 0, first = 0;
+        for (size_t i = 0; i < l->scene->view_count; ++i)
+            if (l->slots[i].notes[k] && !l->slots[i].status && !l->slots[i].dropped && found++ == 0)
+                first = i;
+        char others[64] = "";
+        if (found > 1)
+            snprintf(others, sizeof others, " (and %zu other images)", found - 1);
+        if (found)
+            sgsi_warn("%s: %s%s", l->scene->views[first].image_path, l->slots[first].notes[k],
+                      others);
+    }
+}
+
 static bool has_camera_aspect(const sgsi_scene_loader *l, size_t i)
 {
     const sgsi_view_slot *s = &l->slots[i];
@@ -321,6 +339,7 @@ sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l)
     const sgs_status status = check_fatal(l);
     if (status)
         return status;
+    warn_of_notes(l);
     size_t kept = 0;
     for (size_t i = 0; i < count; ++i) {
         if (is_usable(l, i, &tally))

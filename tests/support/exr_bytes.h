@@ -1,0 +1,94 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// EXR files byte by byte, from "OpenEXR File Layout": scan lines of floats without compression, in
+// any windows, with any attributes. Not written by our writer.
+
+#include <stdint.h>
+
+#include "support/scene_support.h"
+
+typedef struct exr_file {
+    int data[4], display[4]; // xMin, yMin, xMax, yMax; all 0 = 0, 0, width - 1, height - 1
+    int width, height;       // of the data window
+    int count;               // channels, sorted by name
+    const char *names[12];
+    const float *planes[12];     // [height][width]
+    const char *interop;         // colorInteropID, or NULL
+    const float *chromaticities; // [8], or NULL
+} exr_file;
+
+static inline void exr_attribute(buffer *b, const char *name, const char *type, size_t size)
+{
+    put_bytes(b, name, strlen(name) + 1);
+    put_bytes(b, type, strlen(type) + 1);
+    put_integer(b, size, 4);
+}
+
+static inline void exr_window(buffer *b, const char *name, const int window[4], const exr_file *f)
+{
+    const int whole[4] = {0, 0, f->width - 1, f->height - 1};
+    const bool given = window[0] || window[1] || window[2] || window[3];
+    exr_attribute(b, name, "box2i", 16);
+    for (int k = 0; k < 4; ++k)
+        put_integer(b, (uint32_t)(given ? window : whole)[k], 4);
+}
+
+static inline void exr_channel_list(buffer *b, const exr_file *f)
+{
+    size_t size = 1;
+    for (int c = 0; c < f->count; ++c)
+        size += strlen(f->names[c]) + 1 + 16;
+    exr_attribute(b, "channels", "chlist", size);
+    for (int c = 0; c < f->count; ++c) {
+        put_bytes(b, f->names[c], strlen(f->names[c]) + 1);
+        put_integer(b, 2, 4); // float
+        put_integer(b, 0, 4);
+        put_integer(b, 1, 4);
+        put_integer(b, 1, 4);
+    }
+    put_integer(b, 0, 1);
+}
+
+static inline void exr_put(const temp_folder *folder, const char *name, const exr_file *f)
+{
+    static buffer b;
+    const size_t row = (size_t)f->count * (size_t)f->width * sizeof(float);
+    b.size = 0;
+    put_integer(&b, 0x01312f76, 4);
+    put_integer(&b, 2, 4);
+    exr_channel_list(&b, f);
+    if (f->chromaticities) {
+        exr_attribute(&b, "chromaticities", "chromaticities", 32);
+        put_bytes(&b, f->chromaticities, 32);
+    }
+    if (f->interop) {
+        exr_attribute(&b, "colorInteropID", "string", strlen(f->interop));
+        put_bytes(&b, f->interop, strlen(f->interop));
+    }
+    exr_attribute(&b, "compression", "compression", 1);
+    put_integer(&b, 0, 1);
+    exr_window(&b, "dataWindow", f->data, f);
+    exr_window(&b, "displayWindow", f->display, f);
+    exr_attribute(&b, "lineOrder", "lineOrder", 1);
+    put_integer(&b, 0, 1);
+    exr_attribute(&b, "pixelAspectRatio", "float", 4);
+    put_integer(&b, 0x3f800000, 4);
+    exr_attribute(&b, "screenWindowCenter", "v2f", 8);
+    put_integer(&b, 0, 8);
+    exr_attribute(&b, "screenWindowWidth", "float", 4);
+    put_integer(&b, 0x3f800000, 4);
+    put_integer(&b, 0, 1); // end of the header
+    const size_t first = b.size + 8 * (size_t)f->height;
+    for (int y = 0; y < f->height; ++y)
+        put_integer(&b, first + (size_t)y * (row + 8), 8);
+    for (int y = 0; y < f->height; ++y) {
+        put_integer(&b, (uint32_t)(f->data[1] + y), 4);
+        put_integer(&b, row, 4);
+        for (int c = 0; c < f->count; ++c)
+            put_bytes(&b, f->planes[c] + (size_t)y * (size_t)f->width,
+                      (size_t)f->width * sizeof(float));
+    }
+    tree_put(folder, name, b.data, b.size);
+}

@@ -72,8 +72,9 @@ typedef struct sgs_scene_options {
     const char *masks_dir;
     bool invert_masks; // black is valid instead of white
     sgs_alpha alpha;
-    // Colour space of the image files (a name of OpenImageIO or OpenColorIO). NULL = as each file
-    // declares; without a declaration floats are linear, integers sRGB.
+    // Colour space of the image files (an ID of the Color Interop Forum, or a name of OpenImageIO
+    // or OpenColorIO). NULL = as each file declares; without a declaration floats are linear,
+    // integers sRGB.
     const char *colorspace;
     sgs_space space; // of loss, trained colours and metrics
     // Memory for decoded photos in bytes; 0 = unlimited, all are kept.

@@ -11,8 +11,9 @@
 //
 // sgsi_oiio_read_rows returns floats instead, for photos whose range or colour space exceeds
 // 8-bit sRGB. sRGB stays encoded, linear light stays linear, and all other colour spaces are
-// converted to linear light by OpenImageIO. Linear EXR files are converted from the primaries of
-// their attribute chromaticities to Rec. 709.
+// converted to linear light: those that an EXR file names by a colorInteropID by our own table, the
+// others by OpenImageIO. Linear light is converted to Rec. 709 from the primaries of that name, or
+// of an EXR file's attribute chromaticities.
 //
 // Sizes are checked before allocation. Rows are decoded in slabs of scanlines or of one row of
 // tiles, so that the interleaved image never exists as a whole.
@@ -43,6 +44,7 @@
 
 extern "C" {
 #include "base/core.h"
+#include "image/color_interop.h"
 #include "image/exr_channels.h"
 #include "image/primaries.h"
 #include "sparegs/runtime.h"
@@ -298,9 +300,11 @@ enum class Encoding { srgb, linear, other };
 struct Colors {
     Encoding encoding = Encoding::srgb;
     OIIO::ColorProcessorHandle processor; // other: converts to linear light
-    bool primaries = false;               // multiply linear light by the matrix
-    double matrix[3][3] = {};             // to Rec. 709
-    std::string notes[SGSI_NOTES];        // see sgsi_image_info
+    sgsi_interop_space space = {1, nullptr};
+    bool decodes = false;          // from the curve of `space`
+    bool primaries = false;        // multiply linear light by the matrix
+    double matrix[3][3] = {};      // to Rec. 709
+    std::string notes[SGSI_NOTES]; // see sgsi_image_info
 };
 
 std::string lower(std::string text)
@@ -364,14 +368,14 @@ bool find_processor(const OIIO::ColorConfig &config, const std::string &space, C
                                          "Utility - Linear - sRGB", "Utility - Linear - Rec.709"};
     static const char *const aces[] = {"aces_interchange", "ACES2065-1", "ACES - ACES2065-1"};
     static const char *const linear[] = {"scene_linear", "linear"};
-    static const float ap0[SGSI_CHROMATICITIES] = {0.7347F, 0.2653F, 0,        1,
-                                                   0.0001F, -0.077F, 0.32168F, 0.33767F};
+    sgsi_interop_space ap0;
     for (const char *target : rec709)
         if ((colors.processor = config.createColorProcessor(space, target)))
             return true;
     for (const char *target : aces)
         if ((colors.processor = config.createColorProcessor(space, target))) {
-            colors.primaries = sgsi_primaries_to_rec709(ap0, colors.matrix);
+            colors.primaries = sgsi_interop_find("lin_ap0_scene", &ap0) &&
+                               sgsi_primaries_to_rec709(ap0.chromaticities, colors.matrix);
             return true;
         }
     for (const char *target : linear)
@@ -393,15 +397,23 @@ bool is_linear_rec709(const std::string &name)
     return name == "lin_srgb" || name == "lin_rec709" || name == "lin_rec709_scene";
 }
 
+// Uses the space that an ID of the Color Interop Forum names. False if it is unknown.
+bool use_interop(const std::string &id, Colors &colors)
+{
+    if (!sgsi_interop_find(id.c_str(), &colors.space))
+        return false;
+    const bool is_rec709 = sgsi_primaries_are_rec709(colors.space.chromaticities);
+    colors.encoding = is_rec709 && colors.space.gamma == 0 ? Encoding::srgb : Encoding::linear;
+    colors.decodes = colors.encoding == Encoding::linear && colors.space.gamma != 1;
+    colors.primaries =
+        !is_rec709 && sgsi_primaries_to_rec709(colors.space.chromaticities, colors.matrix);
+    return true;
+}
+
 sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
                          Colors &colors)
 {
-    // OpenImageIO 2.4 does not read colorInteropID, and calls all EXR files with floats linear.
-    const std::string interop = spec.get_string_attribute("colorInteropID");
-    std::string space = colorspace ? colorspace
-                        : interop.compare(0, 11, "srgb_rec709") == 0
-                            ? "sRGB"
-                            : spec.get_string_attribute("oiio:ColorSpace");
+    std::string space = colorspace ? colorspace : spec.get_string_attribute("oiio:ColorSpace");
     if (space.empty())
         space = spec.format.is_floating_point() ? "linear" : "sRGB";
     const std::string name = lower(space);
@@ -424,18 +436,21 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const ch
     return SGS_STATUS_OK;
 }
 
-// Linear EXR files have the primaries of their attribute, unless the user names a space with its
-// own. OpenImageIO 2.4 calls all of them "Linear".
-sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
-                            Colors &colors)
+// The attribute of that name, or NULL.
+const float *chromaticities_of(const OIIO::ImageSpec &spec)
 {
-    const std::string named = lower(colorspace ? colorspace : "");
     const OIIO::ParamValue *attribute = spec.find_attribute(
         "chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, SGSI_CHROMATICITIES));
-    if (!attribute || colors.encoding != Encoding::linear || is_linear_rec709(named))
-        return SGS_STATUS_OK;
-    const float *const chromaticities = static_cast<const float *>(attribute->data());
-    if (sgsi_primaries_are_rec709(chromaticities))
+    return attribute ? static_cast<const float *>(attribute->data()) : nullptr;
+}
+
+// Linear EXR files have the primaries of their attribute, unless the user names a space with its
+// own. OpenImageIO 2.4 calls all of them "Linear".
+sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, Colors &colors)
+{
+    const float *const chromaticities = chromaticities_of(spec);
+    if (!chromaticities || colors.encoding != Encoding::linear ||
+        sgsi_primaries_are_rec709(chromaticities))
         return SGS_STATUS_OK;
     colors.primaries = true;
     return sgsi_primaries_to_rec709(chromaticities, colors.matrix)
@@ -444,6 +459,29 @@ sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, const
                            "%s: its attribute chromaticities describes no primaries; correct it, "
                            "or set option colorspace to lin_rec709",
                            path);
+}
+
+// The ID takes precedence over the chromaticities, which programs often copy without regard to the
+// pixels ("Identifying the Color Space of OpenEXR Files"). OpenImageIO 2.4 passes it on unread.
+sgs_status choose_exr_colors(const char *path, const OIIO::ImageSpec &spec, Colors &colors)
+{
+    const std::string id = spec.get_string_attribute("colorInteropID"),
+                      shown = "colorInteropID '" + one_line(id.substr(0, max_shown)) + "'";
+    std::string &note = colors.notes[SGSI_NOTE_COLOR];
+    if (use_interop(id, colors)) {
+        const float *const chromaticities = chromaticities_of(spec);
+        if (chromaticities &&
+            !sgsi_primaries_are_equal(chromaticities, colors.space.chromaticities))
+            note = shown + " contradicts the attribute chromaticities, which is ignored; set "
+                           "option colorspace to linear to use it instead";
+        return SGS_STATUS_OK;
+    }
+    const sgs_status chosen = choose_colors(path, spec, nullptr, colors);
+    if (!id.empty() && id != "unknown" && !colors.processor)
+        note = shown + " is unknown; the colours are read as " +
+               (colors.encoding == Encoding::srgb ? "sRGB" : "linear light") +
+               "; name their space with option colorspace";
+    return chosen ? chosen : choose_primaries(path, spec, colors);
 }
 
 sgs_status open_photo(const char *path, const char *colorspace,
@@ -459,27 +497,42 @@ sgs_status open_photo(const char *path, const char *colorspace,
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: no colour channels R, G, B or Y; the channels are %s", path,
                          joined(spec.channelnames).c_str());
+    if (colorspace && use_interop(lower(colorspace), colors))
+        return SGS_STATUS_OK;
+    if (is_exr && !colorspace)
+        return choose_exr_colors(path, spec, colors);
     const sgs_status chosen = choose_colors(path, spec, colorspace, colors);
-    return chosen || !is_exr ? chosen : choose_primaries(path, spec, colorspace, colors);
+    return chosen || !is_exr || is_linear_rec709(lower(colorspace))
+               ? chosen
+               : choose_primaries(path, spec, colors);
 }
 
-// Converts a row by OpenImageIO and premultiplies it.
+// Decodes a row of unpremultiplied colours to linear light.
+void decode_row(int width, size_t channels, const Colors &colors, float *row)
+{
+    if (colors.processor)
+        colors.processor->apply(row, width, 1, 3, sizeof(float), int64_t(channels * sizeof(float)),
+                                OIIO::stride_t(size_t(width) * channels * sizeof(float)));
+    for (size_t x = 0; colors.decodes && x < size_t(width); ++x)
+        for (size_t c = 0; c < 3; ++c)
+            row[channels * x + c] = sgsi_interop_decode(&colors.space, row[channels * x + c]);
+}
+
+// Decodes a row if required and premultiplies it.
 void convert_row(int width, const Layout &layout, const Colors &colors, float *row)
 {
-    if (colors.processor && layout.channels == 3)
-        colors.processor->apply(row, width, 1, 3, sizeof(float), 3 * sizeof(float),
-                                OIIO::stride_t(size_t(width) * 3 * sizeof(float)));
-    if (layout.channels < 4)
+    const bool decodes = colors.processor || colors.decodes;
+    if (layout.channels < 4) {
+        decode_row(width, 3, colors, row);
         return;
+    }
     // Transfer functions apply to unpremultiplied colours.
-    if (colors.processor && layout.associated)
+    if (decodes && layout.associated)
         for (size_t x = 0; x < size_t(width); ++x)
             for (size_t c = 0; c < 3; ++c)
                 row[4 * x + c] = row[4 * x + 3] > 0 ? row[4 * x + c] / row[4 * x + 3] : 0;
-    if (colors.processor)
-        colors.processor->apply(row, width, 1, 3, sizeof(float), 4 * sizeof(float),
-                                OIIO::stride_t(size_t(width) * 4 * sizeof(float)));
-    if (colors.processor || !layout.associated)
+    decode_row(width, 4, colors, row);
+    if (decodes || !layout.associated)
         for (size_t x = 0; x < size_t(width); ++x)
             for (size_t c = 0; c < 3; ++c)
                 row[4 * x + c] *= row[4 * x + 3];

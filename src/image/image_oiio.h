@@ -21,8 +21,9 @@ sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image);
 // Size and channels (3 or 4, as from sgsi_oiio_read), from the header only.
 sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *channels);
 
-// What the user should check in a photo's file: which of several layers with colours it is.
-enum { SGSI_NOTE_LAYER, SGSI_NOTES, SGSI_NOTE_SIZE = 256 };
+// What the user should check in a photo's file: which of several layers with colours it is; a
+// colour space that is unknown or contradicts others.
+enum { SGSI_NOTE_LAYER, SGSI_NOTE_COLOR, SGSI_NOTES, SGSI_NOTE_SIZE = 256 };
 
 // Properties of a photo's file that affect its decoding.
 typedef struct sgsi_image_info {

@@ -19,12 +19,18 @@ static const double MAX_ENTRY = 1e3; // of a matrix between colour spaces in use
 static const double bradford[3][3] = {
     {0.8951, 0.2664, -0.1614}, {-0.7502, 1.7135, 0.0367}, {0.0389, -0.0685, 1.0296}};
 
-bool sgsi_primaries_are_rec709(const float chromaticities[SGSI_CHROMATICITIES])
+bool sgsi_primaries_are_equal(const float a[SGSI_CHROMATICITIES],
+                              const float b[SGSI_CHROMATICITIES])
 {
     for (int k = 0; k < SGSI_CHROMATICITIES; ++k)
-        if (!(fabs((double)chromaticities[k] - (double)sgsi_rec709[k]) <= TOLERANCE))
+        if (!(fabs((double)a[k] - (double)b[k]) <= TOLERANCE))
             return false;
     return true;
+}
+
+bool sgsi_primaries_are_rec709(const float chromaticities[SGSI_CHROMATICITIES])
+{
+    return sgsi_primaries_are_equal(chromaticities, sgsi_rec709);
 }
 
 static void multiply(const double a[3][3], const double b[3][3], double product[3][3])

@@ -17,7 +17,11 @@ enum { SGSI_CHROMATICITIES = 8 };
 // ITU-R BT.709 with D65.
 extern const float sgsi_rec709[SGSI_CHROMATICITIES];
 
-// True if no coordinate differs from those of Rec. 709 by more than 0.001.
+// True if no coordinate differs by more than 0.001.
+bool sgsi_primaries_are_equal(const float a[SGSI_CHROMATICITIES],
+                              const float b[SGSI_CHROMATICITIES]);
+
+// The same for Rec. 709.
 bool sgsi_primaries_are_rec709(const float chromaticities[SGSI_CHROMATICITIES]);
 
 // The matrix [row][column] from linear RGB of these primaries to Rec. 709. White becomes white, by

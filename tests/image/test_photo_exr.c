@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // What EXR files say about their pixels, in files made byte by byte: which of many layers is the
-// photo.
+// photo, and its colour space, against its definition in double precision.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -128,9 +128,188 @@ static void a_scene_warns_once_of_layers(void **state)
     tree_remove(&folder);
 }
 
+// To Rec. 709 by Bradford's cone responses, in rational arithmetic (Python) from the chromaticities
+// of the recommendation.
+static const double matrices[6][3][3] = {
+    {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
+    {{2.5216862, -1.1341310, -0.3875552}, // AP0
+     {-0.2764799, 1.3727191, -0.0962392},
+     {-0.0153781, -0.1529753, 1.1683534}},
+    {{1.7050510, -0.6217921, -0.0832589}, // AP1
+     {-0.1302564, 1.1408047, -0.0105483},
+     {-0.0240034, -0.1289690, 1.1529723}},
+    {{1.2249402, -0.2249402, 0}, {-0.0420570, 1.0420570, 0}, {-0.0196376, -0.0786360, 1.0982736}},
+    {{1.6604910, -0.5876411, -0.0728499}, // Rec. 2020
+     {-0.1245505, 1.1328999, -0.0083494},
+     {-0.0181508, -0.1005789, 1.1187297}},
+    {{1.3983557, -0.3983557, 0}, {0, 1, 0}, {0, -0.0429290, 1.0429290}}}; // Adobe RGB
+enum { REC709, AP0, AP1, P3, REC2020, ADOBE };
+
+// The transfer functions of the recommendation: sRGB if gamma is 0. Powers leave negative values.
+static double decoded(double v, double gamma)
+{
+    if (gamma > 0)
+        return v > 0 ? pow(v, gamma) : v;
+    return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
+}
+
+enum { COLORS = 3 };
+static const float colors[COLORS][3] = {
+    {0.5f, 0.2f, 0.8f}, {2.5f, 0.03f, 0.6f}, {0.9f, -0.01f, 0.4f}};
+
+// A row of these colours, premultiplied by `alpha` unless it is 0.
+static void put_colors(const temp_folder *folder, const char *interop, const float *chromaticities,
+                       float alpha)
+{
+    static const char *const names[] = {"A", "B", "G", "R"};
+    float planes[4][COLORS];
+    const int first = alpha > 0 ? 0 : 1;
+    exr_file file = {.width = COLORS,
+                     .height = 1,
+                     .count = 4 - first,
+                     .interop = interop,
+                     .chromaticities = chromaticities};
+    for (int c = 0; c < 4; ++c)
+        for (int x = 0; x < COLORS; ++x)
+            planes[c][x] = c ? colors[x][3 - c] * (first ? 1.0f : alpha) : alpha;
+    for (int c = first; c < 4; ++c) {
+        file.names[c - first] = names[c];
+        file.planes[c - first] = planes[c];
+    }
+    exr_put(folder, "a.exr", &file);
+}
+
+typedef struct kept_row {
+    int channels;
+    float values[4 * COLORS];
+} kept_row;
+
+static void keep_row(void *context, int y, const float *row)
+{
+    kept_row *kept = context;
+    assert_int_equal(y, 0);
+    memcpy(kept->values, row, (size_t)(COLORS * kept->channels) * sizeof *row);
+}
+
+// Compares the file's colours, read with this option, with the definition of the space. gamma < 0:
+// sRGB of Rec. 709, which stays encoded.
+static void assert_colors(const temp_folder *folder, const char *option, const char *what,
+                          const double matrix[3][3], double gamma, float alpha)
+{
+    const char *path = temp_path(folder, "a.exr");
+    sgsi_image_info info;
+    kept_row row = {.channels = alpha > 0 ? 4 : 3};
+    if (sgsi_oiio_describe(path, option, &info) ||
+        sgsi_oiio_read_rows(path, option, keep_row, &row))
+        fail_msg("%s", sgs_last_error());
+    assert_int_equal(info.channels, row.channels);
+    assert_int_equal(info.linear, gamma >= 0);
+    for (int x = 0; x < COLORS; ++x)
+        for (int c = 0; c < 3; ++c) {
+            double expected = 0;
+            for (int k = 0; k < 3; ++k)
+                expected += matrix[c][k] * (gamma < 0 ? (double)colors[x][k]
+                                                      : decoded((double)colors[x][k], gamma));
+            expected *= alpha > 0 ? (double)alpha : 1.0;
+            const double value = (double)row.values[x * row.channels + c];
+            if (!(fabs(value - expected) <= 2e-6 * fmax(1, fabs(expected))))
+                fail_msg("%s, colour %d, channel %d: %.7f, expected %.7f", what, x, c, value,
+                         expected);
+        }
+}
+
+static const struct {
+    const char *id;
+    int matrix;
+    double gamma;
+} spaces[] = {
+    {"lin_rec709_scene", REC709, 1},     {"lin_ap0_scene", AP0, 1},
+    {"lin_ap1_scene", AP1, 1},           {"lin_p3d65_scene", P3, 1},
+    {"lin_rec2020_scene", REC2020, 1},   {"lin_adobergb_scene", ADOBE, 1},
+    {"srgb_rec709_scene", REC709, -1},   {"srgb_p3d65_scene", P3, 0},
+    {"srgb_ap1_scene", AP1, 0},          {"g24_rec709_scene", REC709, 2.4},
+    {"g22_rec709_scene", REC709, 2.2},   {"g18_rec709_scene", REC709, 1.8},
+    {"g22_ap1_scene", AP1, 2.2},         {"g22_adobergb_scene", ADOBE, 563.0 / 256},
+    {"srgb_rec709_display", REC709, -1},
+};
+
+// The IDs of "Color Space Encodings for Texture Assets and CG Rendering" 1.1, except
+// lin_ciexyzd65_scene; also as option colorspace.
+static void interop_ids_name_curve_and_primaries(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    for (size_t i = 0; i < sizeof spaces / sizeof *spaces; ++i)
+        for (int k = 0; k < 4; ++k) {
+            const float alpha = k % 2 ? 0.25f : 0.0f;
+            const char *option = k / 2 ? spaces[i].id : NULL;
+            put_colors(&folder, option ? NULL : spaces[i].id, NULL, alpha);
+            assert_colors(&folder, option, spaces[i].id, matrices[spaces[i].matrix],
+                          spaces[i].gamma, alpha);
+        }
+    tree_remove(&folder);
+}
+
+static void contradictions_and_unknown_ids_are_noted(void **state)
+{
+    (void)state;
+    static const float ap1[8] = {0.713f, 0.293f, 0.165f, 0.83f, 0.128f, 0.044f, 0.32168f, 0.33767f};
+    static const float rounded[8] = {0.713f, 0.293f, 0.165f,  0.83f,
+                                     0.128f, 0.044f, 0.3217f, 0.3377f};
+    static const struct {
+        const char *id;
+        const float *chromaticities;
+        int matrix;
+        double gamma;
+        const char *note;
+    } cases[] = {
+        {"lin_ap1_scene", rounded, AP1, 1, ""},
+        {"srgb_ap1_scene", ap1, AP1, 0, ""},
+        {"lin_rec709_scene", ap1, REC709, 1,
+         "colorInteropID 'lin_rec709_scene' contradicts the attribute chromaticities, which is "
+         "ignored; set option colorspace to linear to use it instead"},
+        {"srgb_rec709_scene", ap1, REC709, -1,
+         "colorInteropID 'srgb_rec709_scene' contradicts the attribute chromaticities"},
+        {"pq_rec2020_display", NULL, REC709, 1,
+         "colorInteropID 'pq_rec2020_display' is unknown; the colours are read as linear light; "
+         "name their space with option colorspace"},
+        {"lin_ap1_scenery", ap1, AP1, 1, "colorInteropID 'lin_ap1_scenery' is unknown"},
+        {"lin_ap11", NULL, REC709, 1, "colorInteropID 'lin_ap11' is unknown"},
+        {"line\nbreak", NULL, REC709, 1, "colorInteropID 'line break' is unknown"},
+        {"data", NULL, REC709, 1, "colorInteropID 'data' is unknown"},
+        {"unknown", ap1, AP1, 1, ""},
+        {NULL, ap1, AP1, 1, ""},
+    };
+    const temp_folder folder = temp_folder_make();
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        sgsi_image_info info;
+        put_colors(&folder, cases[i].id, cases[i].chromaticities, 0.5f);
+        assert_int_equal(sgsi_oiio_describe(temp_path(&folder, "a.exr"), NULL, &info),
+                         SGS_STATUS_OK);
+        if (*cases[i].note)
+            assert_holds(info.notes[SGSI_NOTE_COLOR], cases[i].note);
+        else
+            assert_string_equal(info.notes[SGSI_NOTE_COLOR], "");
+        assert_colors(&folder, NULL, cases[i].note, matrices[cases[i].matrix], cases[i].gamma,
+                      0.5f);
+    }
+    // The user decides: by the chromaticities, or without both attributes, and without a note.
+    sgsi_image_info info;
+    put_colors(&folder, "lin_rec709_scene", ap1, 0.5f);
+    assert_colors(&folder, "linear", "linear", matrices[AP1], 1, 0.5f);
+    assert_colors(&folder, "lin_rec2020_scene", "option", matrices[REC2020], 1, 0.5f);
+    assert_colors(&folder, "lin_rec709", "option", matrices[REC709], 1, 0.5f);
+    assert_int_equal(sgsi_oiio_describe(temp_path(&folder, "a.exr"), "linear", &info),
+                     SGS_STATUS_OK);
+    assert_string_equal(info.notes[SGSI_NOTE_COLOR], "");
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(interop_ids_name_curve_and_primaries),
+        cmocka_unit_test(contradictions_and_unknown_ids_are_noted),
         cmocka_unit_test(the_layer_of_the_picture_is_preferred),
         cmocka_unit_test_setup(a_scene_warns_once_of_layers, warnings_begin),
     };

@@ -164,7 +164,8 @@ static const option scene_options[] = {
      .offset = offsetof(scene_values, colorspace),
      .argument = "NAME",
      .shown = "from the files' metadata",
-     .help = "colour space of the images: linear, sRGB, or a name known to OpenImageIO or $OCIO"},
+     .help = "colour space of the images: linear, sRGB, an ID such as lin_ap1_scene, "
+             "or a name known to OpenImageIO or $OCIO"},
     {.name = "train-space",
      .kind = OPTION_CHOICE,
      .offset = offsetof(scene_values, space),

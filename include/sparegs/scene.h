@@ -170,8 +170,8 @@ typedef struct sgs_scene {
 // is dropped. A scene may have no points.
 //
 // Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
-// MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the channels >= 128)
-// is valid. A pixel of a down-scaled photo is valid if its whole area is.
+// MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the channels >= 128; all
+// but 0 if none is) is valid. A pixel of a down-scaled photo is valid if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
 // is missing or not accessible, or no image is readable), FORMAT (invalid file, no lens with a ray,

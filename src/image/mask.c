@@ -118,27 +118,42 @@ static int whiteness(const sgs_image8 *mask, size_t at, size_t plane)
     return mask->channels == 4 ? sum * mask->pixels[3 * plane + at] / (3 * 255) : sum / 3;
 }
 
-sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path,
-                                int file_width, int file_height, bool invert)
+// The lowest valid value. Masks of 0 and 1, or of labels, are read as COLMAP does: all but 0 is
+// valid.
+static int lowest_valid(const sgs_image8 *mask, size_t plane)
+{
+    int largest = 0;
+    for (size_t at = 0; at < plane; ++at) {
+        const int value = whiteness(mask, at, plane);
+        largest = value > largest ? value : largest;
+    }
+    return largest > 0 && largest < 128 ? 1 : 128;
+}
+
+sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bool *excludes)
 {
     sgs_image8 mask;
-    sgs_status status = sgs_image8_read(mask_path, &mask);
+    *excludes = false;
+    sgs_status status = sgs_image8_read(file->path, &mask);
     if (status)
         return status;
     // Downscaled photos may have full-size masks; their sizes were rounded to whole pixels.
-    const double width = (double)mask.width * file_height / mask.height;
-    if (mask.width < file_width || width < file_width - 1.0 || width > file_width + 1.0)
+    const double width = (double)mask.width * file->height / mask.height;
+    if (mask.width < file->width || width < file->width - 1.0 || width > file->width + 1.0)
         status = sgsi_fail(
             SGS_STATUS_FORMAT,
             "%s: the mask has %d x %d pixels, but its photo %s has %d x %d; use the same size",
-            mask_path, mask.width, mask.height, photo_path, file_width, file_height);
+            file->path, mask.width, mask.height, file->photo_path, file->width, file->height);
     if (!status)
         status = sgsi_mask_begin(photo);
     const size_t plane = (size_t)mask.width * (size_t)mask.height;
+    const int lowest = status ? 0 : lowest_valid(&mask, plane);
     for (size_t at = 0; !status && at < plane; ++at)
-        if ((whiteness(&mask, at, plane) >= 128) == invert)
+        if ((whiteness(&mask, at, plane) >= lowest) == file->invert) {
             sgsi_mask_drop(photo, mask.width, mask.height, (int)(at % (size_t)mask.width),
                            (int)(at / (size_t)mask.width));
+            *excludes = true;
+        }
     sgs_image8_free(&mask);
     return status;
 }

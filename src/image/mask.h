@@ -25,10 +25,16 @@ bool sgsi_mask_is_name(const char *name);
 // Allocates photo->valid_mask with all pixels valid, unless it exists.
 sgs_status sgsi_mask_begin(sgs_photo *photo);
 
-// Clears the pixels that a mask file excludes. file_width x file_height: size of the photo's
-// file; the mask must have this size or an enlargement of it, else the call fails with FORMAT.
-sgs_status sgsi_mask_apply_file(sgs_photo *photo, const char *mask_path, const char *photo_path,
-                                int file_width, int file_height, bool invert);
+typedef struct sgsi_mask_file {
+    const char *path, *photo_path;
+    int width, height; // of the photo's file; the mask must have this size or an enlargement of it
+    bool invert;
+} sgsi_mask_file;
+
+// Clears the pixels that a mask file excludes; *excludes: there are any. White is valid: values of
+// at least 128, or all except 0 in a file whose largest value is less than 128. Fails with FORMAT
+// for another size.
+sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bool *excludes);
 
 // Clears the pixels that overlap source pixel (x, y) of a width x height image. Requires a mask.
 void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y);

@@ -30,6 +30,7 @@ typedef struct sgsi_photo_source {
 // Further results of a load.
 typedef struct sgsi_photo_report {
     bool mask_failed;        // the error concerns the mask, not the photo
+    bool mask_excludes;      // the mask file excludes at least one pixel
     size_t pixels_nonfinite; // pixels of the file with an infinite or NaN channel
 } sgsi_photo_report;
 

@@ -251,6 +251,22 @@ static void warn_of_notes(const sgsi_scene_loader *l)
     }
 }
 
+// Warns if inverted masks exclude no pixel: the option then does what it should undo, for example
+// to masks that are black by mistake.
+static void warn_of_inversion(const sgsi_scene_loader *l)
+{
+    size_t masks = 0, excluding = 0;
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        if (l->scene->views[i].mask_path && !l->slots[i].status && !l->slots[i].dropped) {
+            ++masks;
+            excluding += l->slots[i].report.mask_excludes;
+        }
+    if (l->options->invert_masks && l->options->load_images && masks && !excluding)
+        sgsi_warn("%s: with option invert_masks, no mask excludes a pixel; are the masks empty? "
+                  "White is valid without this option, black with it",
+                  l->scene->path);
+}
+
 static bool has_camera_aspect(const sgsi_scene_loader *l, size_t i)
 {
     const sgsi_view_slot *s = &l->slots[i];
@@ -340,6 +356,7 @@ sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l)
     if (status)
         return status;
     warn_of_notes(l);
+    warn_of_inversion(l);
     size_t kept = 0;
     for (size_t i = 0; i < count; ++i) {
         if (is_usable(l, i, &tally))

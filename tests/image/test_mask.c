@@ -125,6 +125,72 @@ static void options_select_invert_and_disable_masks(void **state)
     tree_remove(&folder);
 }
 
+// Sets both regions of put_mask: a mask of the photos' size, `inside` in the rectangle.
+static void put_values(const temp_folder *folder, const char *name, int inside, int outside)
+{
+    static uint8_t pixels[WIDTH * HEIGHT];
+    sgs_image8 image = {.width = WIDTH, .height = HEIGHT, .channels = 1, .pixels = pixels};
+    for (int y = 0; y < HEIGHT; ++y)
+        for (int x = 0; x < WIDTH; ++x)
+            pixels[y * WIDTH + x] =
+                (uint8_t)(x >= 8 && x < 24 && y >= 8 && y < 16 ? inside : outside);
+    tree_put(folder, name, "", 0);
+    assert_int_equal(sgs_png_write(temp_path(folder, name), &image), SGS_STATUS_OK);
+}
+
+// Without a value of at least 128, all but 0 is valid, at any resolution; with one, less is not.
+static void masks_of_small_values_exclude_zeros(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_values(&folder, "masks/a.png", 0, 1);
+    put_values(&folder, "masks/b.png", 0, 127);
+    put_values(&folder, "masks/sub/c.png", 127, 128);
+    put_values(&folder, "masks/d with blanks.png", 3, 7);
+    for (int k = 0; k < 4; ++k) {
+        sgs_scene_options options = sgs_scene_options_default();
+        options.downscale = k % 2 ? 4 : 1;
+        options.invert_masks = k / 2;
+        if (k / 2)
+            put_values(&folder, "masks/d with blanks.png", 0, 9);
+        const int s = options.downscale;
+        sgs_scene *scene = load(&folder, &options);
+        assert_hole(photo_of(scene, "a.png"), 8 / s, 8 / s, 24 / s, 16 / s, k / 2);
+        assert_hole(photo_of(scene, "b.png"), 8 / s, 8 / s, 24 / s, 16 / s, k / 2);
+        assert_hole(photo_of(scene, "sub/c.png"), 8 / s, 8 / s, 24 / s, 16 / s, k / 2);
+        if (!k)
+            assert_null(photo_of(scene, "d with blanks")->valid_mask);
+        assert_string_equal(warnings, "");
+        sgs_scene_destroy(scene);
+    }
+    tree_remove(&folder);
+}
+
+static void inversion_that_excludes_nothing_is_reported(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_values(&folder, "masks/a.png", 0, 0);
+    put_values(&folder, "masks/b.png", 0, 0);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.masks_dir = "masks";
+    options.invert_masks = true;
+    sgs_scene *scene = load(&folder, &options);
+    assert_holds(warnings, "with option invert_masks, no mask excludes a pixel; are the masks ");
+    sgs_scene_destroy(scene);
+    warnings[0] = 0;
+    options.image_cache = 1; // the photos are decoded again when they are used
+    scene = load(&folder, &options);
+    assert_holds(warnings, "with option invert_masks, no mask excludes a pixel");
+    sgs_scene_destroy(scene);
+    warnings[0] = 0;
+    put_values(&folder, "masks/b.png", 1, 0);
+    scene = load(&folder, &options);
+    assert_null(strstr(warnings, "excludes a pixel"));
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
 // nerfstudio names the mask of each frame; mask folders are used for frames that name none.
 static void camera_files_name_masks(void **state)
 {
@@ -446,6 +512,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(masks_are_found_under_all_names, warnings_begin),
         cmocka_unit_test_setup(options_select_invert_and_disable_masks, warnings_begin),
+        cmocka_unit_test_setup(masks_of_small_values_exclude_zeros, warnings_begin),
+        cmocka_unit_test_setup(inversion_that_excludes_nothing_is_reported, warnings_begin),
         cmocka_unit_test_setup(camera_files_name_masks, warnings_begin),
         cmocka_unit_test_setup(downscaled_pixels_are_valid_if_entirely_valid, warnings_begin),
         cmocka_unit_test_setup(masks_of_other_sizes_are_rejected, warnings_begin),

@@ -49,6 +49,9 @@ typedef struct sgs_view {
     // Exif orientation of the image file, 1 to 8; 0 = not read. Not applied: pixels, camera and
     // pose are those of the stored image. It records how the camera was held.
     int orientation;
+    // The photo is the display window of an EXR file with another data window. Outside of the data
+    // window, alpha is 0.
+    bool display_window;
 } sgs_view;
 
 typedef struct sgs_scene_options {

@@ -648,6 +648,7 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
                  colors.encoding != Encoding::srgb,
                  spec.full_width,
                  spec.full_height,
+                 is_exr,
                  is_exr ? spec.x - spec.full_x : 0,
                  is_exr ? spec.y - spec.full_y : 0,
                  spec.get_int_attribute("Orientation", 1),

@@ -34,6 +34,7 @@ typedef struct sgsi_image_info {
     // Of the picture that the file holds a part of, or that is a part of it (EXR: of the display
     // window); usually those of the pixels.
     int full_width, full_height;
+    bool is_exr;
     int left, top;   // of an EXR file: position of the data window in the display window
     int orientation; // Exif, 1 to 8, of the file; not applied. 1 = upright, or not recorded
     char notes[SGSI_NOTES][SGSI_NOTE_SIZE]; // for warnings that name the file; "" = none

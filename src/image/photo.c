@@ -20,6 +20,8 @@
 #include "image/mask.h"
 #include "sparegs/image.h"
 
+enum { MAX_SIDE = 65536, MAX_PIXELS = 1 << 30 }; // of a display window
+
 void sgsi_photo_release(sgs_photo *photo)
 {
     sgsi_free(photo->pixels);
@@ -83,25 +85,41 @@ void sgsi_photo_over_bytes(const sgs_photo *photo, const float background[3], ui
     sgsi_parallel_ranges((size_t)photo->width * (size_t)photo->height, 1 << 14, over_range, &job);
 }
 
-sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info,
-                                   const sgs_camera *camera)
+static sgs_status check_display(const char *path, const sgsi_image_info *info)
+{
+    if (info->full_width <= MAX_SIDE && info->full_height <= MAX_SIDE &&
+        (int64_t)info->full_width * info->full_height <= MAX_PIXELS)
+        return SGS_STATUS_OK;
+    return sgsi_fail(SGS_STATUS_LIMIT,
+                     "%s: its display window of %d x %d pixels exceeds the limit of %d per side "
+                     "and 2^30 in total; save the image with equal windows",
+                     path, info->full_width, info->full_height, MAX_SIDE);
+}
+
+sgs_status sgsi_photo_choose_window(const char *path, const sgsi_image_info *info,
+                                    const sgs_camera *camera, bool *display)
 {
     const bool whole = info->width == info->full_width && info->height == info->full_height,
                own = camera->width == info->width && camera->height == info->height;
     const double stretch =
         (double)info->full_width * camera->height / ((double)info->full_height * camera->width);
-    if (whole && (info->left || info->top))
-        return sgsi_fail(
-            SGS_STATUS_FORMAT,
-            "%s: its data window is offset by (%d, %d) pixels from the display window; "
-            "save the image with equal windows",
-            path, info->left, info->top);
-    if (whole || own || !camera->width || !(fabs(stretch - 1) <= 0.02))
-        return SGS_STATUS_OK;
-    return sgsi_fail(SGS_STATUS_FORMAT,
-                     "%s: its data window has %d x %d pixels, the display window %d x %d, and the "
-                     "camera matches the display window; save the image with equal windows",
-                     path, info->width, info->height, info->full_width, info->full_height);
+    const bool shown = !camera->width || fabs(stretch - 1) <= 0.02;
+    *display = info->is_exr && (whole ? info->left || info->top : !own && shown);
+    if (!info->is_exr && !whole && !own && shown)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: has %d x %d pixels of a picture of %d x %d, whose camera is given; "
+                         "save the whole picture, or remove the size of the picture from the file",
+                         path, info->width, info->height, info->full_width, info->full_height);
+    return *display ? check_display(path, info) : SGS_STATUS_OK;
+}
+
+sgsi_image_info sgsi_photo_display(const sgsi_image_info *file)
+{
+    sgsi_image_info info = *file;
+    info.width = file->full_width;
+    info.height = file->full_height;
+    info.channels = 4;
+    return info;
 }
 
 // Call sgsi_image_check_complete before.
@@ -215,9 +233,62 @@ static void take_row(void *context, int y, const float *row)
     }
 }
 
-static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_info *info,
+// Places the rows of a data window in the display window.
+typedef struct placer {
+    reducer *reducer;
+    const sgsi_image_info *file;
+    float *row; // [width of the display window][4]
+    int next;   // row of the display window
+} placer;
+
+// Rows outside of the data window, up to `end`.
+static void take_empty_rows(placer *p, int end)
+{
+    if (p->next < end)
+        memset(p->row, 0, 4 * (size_t)p->file->full_width * sizeof *p->row);
+    for (; p->next < end; ++p->next)
+        take_row(p->reducer, p->next, p->row);
+}
+
+static void place_row(void *context, int y, const float *row)
+{
+    placer *p = context;
+    const sgsi_image_info *file = p->file;
+    const int64_t at = (int64_t)y + file->top, left = file->left, end = left + file->width;
+    if (at < 0 || at >= file->full_height)
+        return;
+    take_empty_rows(p, (int)at);
+    memset(p->row, 0, 4 * (size_t)file->full_width * sizeof *p->row);
+    for (int64_t x = left > 0 ? left : 0; x < end && x < file->full_width; ++x) {
+        const float *in = row + (x - left) * file->channels;
+        float *out = p->row + 4 * x;
+        memcpy(out, in, 3 * sizeof *out);
+        out[3] = file->channels == 4 ? in[3] : 1.0f;
+    }
+    take_row(p->reducer, (int)at, p->row);
+    p->next = (int)at + 1;
+}
+
+static sgs_status read_display(reducer *r, const sgsi_image_info *file)
+{
+    placer p = {.reducer = r, .file = file};
+    p.row = sgsi_alloc(4 * (size_t)file->full_width, sizeof *p.row);
+    if (!p.row)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: not enough memory for the image",
+                         r->source->image_path);
+    const sgs_status status =
+        sgsi_oiio_read_rows(r->source->image_path, r->source->colorspace, place_row, &p);
+    if (!status)
+        take_empty_rows(&p, file->full_height);
+    sgsi_free(p.row);
+    return status;
+}
+
+static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_info *file,
                               sgs_photo *photo, size_t *broken)
 {
+    const sgsi_image_info shown = sgsi_photo_display(file),
+                          *info = source->display_window ? &shown : file;
     *photo = (sgs_photo){.width = source->width,
                          .height = source->height,
                          .channels = info->channels,
@@ -232,7 +303,9 @@ static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_
                            source->image_path);
     } else {
         r.sum = r.across + row;
-        status = sgsi_oiio_read_rows(source->image_path, source->colorspace, take_row, &r);
+        status = source->display_window
+                     ? read_display(&r, file)
+                     : sgsi_oiio_read_rows(source->image_path, source->colorspace, take_row, &r);
     }
     sgsi_free(r.across);
     *broken = r.broken;
@@ -276,11 +349,17 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
     sgs_status status = sgsi_image_check_complete(source->image_path);
     if (!status)
         status = sgsi_oiio_describe(source->image_path, source->colorspace, &info);
-    if (!status && (info.width < source->width || info.height < source->height))
+    if (!status && source->display_window)
+        status = check_display(source->image_path, &info);
+    if (status)
+        return status;
+    const int width = source->display_window ? info.full_width : info.width,
+              height = source->display_window ? info.full_height : info.height;
+    if (width < source->width || height < source->height)
         status = sgsi_fail(
             SGS_STATUS_FORMAT,
             "%s: now has %d x %d pixels, fewer than the required %d x %d; was the file replaced?",
-            source->image_path, info.width, info.height, source->width, source->height);
+            source->image_path, width, height, source->width, source->height);
     if (status)
         return status;
     if (!sgsi_photo_is_8bit(&info, source->space))

@@ -14,7 +14,8 @@
 
 typedef struct sgsi_photo_source {
     const char *image_path, *mask_path; // mask_path may be NULL
-    int file_width, file_height;        // size of the photo's file
+    int file_width, file_height;        // size of the photo's file, or of its display window
+    bool display_window;                // the photo is the display window of an EXR file
     int width, height;                  // requested size, at most the file's
     bool invert_mask;
     sgs_alpha alpha;
@@ -69,10 +70,17 @@ double sgsi_light_quantile(const sgsi_light *light, double share);
 // True if such a photo is kept in 8 bits, false if in half floats.
 bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space);
 
-// Fails with FORMAT for an EXR whose data window differs from its display window, unless the camera
-// has the size of the data window or not the shape of the display window: it would be stretched.
-sgs_status sgsi_photo_check_window(const char *path, const sgsi_image_info *info,
-                                   const sgs_camera *camera);
+// Chooses the window of a file that the camera describes: *display for the display window of an EXR
+// file whose data window differs, false for the pixels of the file. A camera of the size of the
+// data window, or of another shape than the display window, has the file's pixels. Fails with
+// FORMAT for other formats that hold a part of the camera's picture, because its position is
+// unknown, and with LIMIT for a display window of more than 65536 pixels per side or 2^30 in total.
+sgs_status sgsi_photo_choose_window(const char *path, const sgsi_image_info *info,
+                                    const sgs_camera *camera, bool *display);
+
+// Properties of a photo that is the display window of this file: its size, and an alpha channel,
+// which is 0 outside of the data window. Cannot fail.
+sgsi_image_info sgsi_photo_display(const sgsi_image_info *file);
 
 // Decoded size in bytes of such a photo at this resolution, including a mask.
 size_t sgsi_photo_bytes(const sgsi_image_info *info, sgs_space space, int width, int height);

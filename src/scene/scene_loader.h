@@ -24,7 +24,7 @@ typedef struct sgsi_view_slot {
     sgs_status status;
     char *error;
     char *notes[SGSI_NOTES];     // see sgsi_image_info; NULL = none
-    int file_width, file_height; // before downscaling
+    int file_width, file_height; // before downscaling; of the display window if it is shown
     int width, height;           // after downscaling
     int channels;
     bool linear;         // the file holds linear light

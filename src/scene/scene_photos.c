@@ -96,8 +96,12 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
         s->status = sgsi_image_check_complete(path);
     if (!s->status)
         s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);
+    bool display = false;
     if (!s->status)
-        s->status = sgsi_photo_check_window(path, &info, &l->dataset.frames[i].camera);
+        s->status = sgsi_photo_choose_window(path, &info, &l->dataset.frames[i].camera, &display);
+    l->scene->views[i].display_window = display;
+    if (display && !s->status)
+        info = sgsi_photo_display(&info);
     set_size(l, s, info.width, info.height);
     for (int k = 0; k < SGSI_NOTES; ++k) // without memory, the warning is omitted
         s->notes[k] = info.notes[k][0] ? sgsi_strdup(info.notes[k]) : NULL;
@@ -148,6 +152,7 @@ sgsi_photo_source sgsi_loader_source(const sgsi_scene_loader *l, size_t i)
                                .mask_path = view->mask_path,
                                .file_width = s->file_width,
                                .file_height = s->file_height,
+                               .display_window = view->display_window,
                                .width = s->width,
                                .height = s->height,
                                .invert_mask = l->options->invert_masks,

@@ -75,6 +75,7 @@ sgs_status sgs_scene_photo_read(const sgs_scene *scene, size_t index, int width,
                          "%s: view %zu has no image file to read at %d x %d pixels", scene->path,
                          index, width, height);
     const sgsi_photo_source source = {.image_path = scene->views[index].image_path,
+                                      .display_window = scene->views[index].display_window,
                                       .width = width,
                                       .height = height,
                                       .alpha = scene->alpha,

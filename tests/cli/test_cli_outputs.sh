@@ -245,13 +245,21 @@ for encoding in linear srgb; do
     json "$temporary/stdout" '.mean.psnr > 50'
 done
 
-# moved_data_windows_are_refused
-oiiotool "$temporary/encoded/images/0009.exr" --origin +10-3 -o "$temporary/encoded/images/0009.exr"
-oiiotool "$temporary/encoded/images/0009.exr" --fullsize "$(oiiotool --info "$temporary/encoded/images/0009.exr" |
-    sed -n 's/.*: *\([0-9]*\) x *\([0-9]*\),.*/\1x\2+0+0/p')" -o "$temporary/moved.exr"
-mv "$temporary/moved.exr" "$temporary/encoded/images/0009.exr"
-run 0 info "$temporary/encoded" --downscale 1
-reports "0009.exr: its data window is offset by (10, -3) pixels from the display window; save the image with equal windows"
+# data_windows_are_placed_in_the_display_window (moved, and cropped; as oiiotool --croptofull does)
+size=$(oiiotool --info "$temporary/encoded/images/0009.exr" | sed -n 's/.*: *\([0-9]*\) x *\([0-9]*\),.*/\1x\2+0+0/p')
+cp "$temporary/encoded/images/0009.exr" "$temporary/whole.exr"
+for change in '--origin +10-3' '--crop 40x30+20+10'; do
+    # shellcheck disable=SC2086
+    oiiotool "$temporary/whole.exr" $change --fullsize "$size" -o "$temporary/encoded/images/0009.exr"
+    run 0 eval "$model" "$temporary/encoded" --downscale 1 --white 1 --json
+    jq '.images[] | select(.name == "0009.jpg") | [.psnr, .ssim]' "$temporary/stdout" >"$temporary/placed.json"
+    check is_evaluated test -s "$temporary/placed.json"
+    oiiotool "$temporary/encoded/images/0009.exr" --croptofull -o "$temporary/full.exr"
+    mv "$temporary/full.exr" "$temporary/encoded/images/0009.exr"
+    run 0 eval "$model" "$temporary/encoded" --downscale 1 --white 1 --json
+    check equal_scores cmp "$temporary/placed.json" <(jq '.images[] | select(.name == "0009.jpg") | [.psnr, .ssim]' \
+        "$temporary/stdout")
+done
 
 # render_and_eval_write_the_same_png
 run 0 render "$model" "$room" --view 0009 -o "$temporary/png" --format png --aov rgba,depth,transmittance,hits

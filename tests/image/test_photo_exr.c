@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // What EXR files say about their pixels, in files made byte by byte: which of many layers is the
-// photo, and its colour space, against its definition in double precision.
+// photo, its colour space, against its definition in double precision, and its place in the
+// camera's picture.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,6 +13,7 @@
 #include <cmocka.h>
 
 #include "image/image_oiio.h"
+#include "support/bad_input.h"
 #include "support/exr_bytes.h"
 #include "support/scene_support.h"
 
@@ -305,11 +307,174 @@ static void contradictions_and_unknown_ids_are_noted(void **state)
     tree_remove(&folder);
 }
 
+enum { SHOWN_WIDTH = 10, SHOWN_HEIGHT = 8 };
+
+typedef struct window_case {
+    int data[4]; // relative to the display window
+    bool alpha;
+    const char *size; // of the camera, or ""
+} window_case;
+
+static float window_value(int c, int x, int y)
+{
+    return (float)(x + 16 + 40 * (y + 16) + 3000 * c) / 16384.0f;
+}
+
+// Straight colour c (3 = alpha) of a pixel of the display window.
+static double window_expected(const window_case *w, int c, int x, int y)
+{
+    const bool inside = x >= w->data[0] && x <= w->data[2] && y >= w->data[1] && y <= w->data[3];
+    return !inside ? 0 : c < 3 ? (double)window_value(c, x, y) : w->alpha ? 0.5 : 1;
+}
+
+// A scene whose only photo has this data window; the display window begins at (-2, 5).
+static temp_folder put_window(const window_case *w)
+{
+    static const char *const names[] = {"A", "B", "G", "R"};
+    static float planes[4][32 * 32];
+    const temp_folder folder = temp_folder_make();
+    exr_file file = {.width = w->data[2] - w->data[0] + 1,
+                     .height = w->data[3] - w->data[1] + 1,
+                     .display = {-2, 5, SHOWN_WIDTH - 3, SHOWN_HEIGHT + 4},
+                     .interop = "lin_rec709_scene"};
+    for (int k = 0; k < 4; ++k)
+        file.data[k] = w->data[k] + (k % 2 ? 5 : -2);
+    for (int c = w->alpha ? 0 : 1; c < 4; ++c) {
+        for (int y = 0; y < file.height; ++y)
+            for (int x = 0; x < file.width; ++x)
+                planes[c][y * file.width + x] =
+                    c ? window_value(3 - c, x + w->data[0], y + w->data[1]) *
+                            (w->alpha ? 0.5f : 1.0f)
+                      : 0.5f;
+        file.names[file.count] = names[c];
+        file.planes[file.count++] = planes[c];
+    }
+    exr_put(&folder, "a.exr", &file);
+    char text[512];
+    snprintf(text, sizeof text,
+             "{\"camera_angle_x\":1,%s\"frames\":[{\"file_path\":\"a.exr\","
+             "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}",
+             w->size);
+    tree_put_text(&folder, "transforms.json", text);
+    return folder;
+}
+
+static double photo_at(const sgs_photo *photo, int c, int x, int y)
+{
+    const size_t plane = (size_t)photo->width * (size_t)photo->height;
+    return (double)sgs_photo_value(photo, (size_t)c * plane + (size_t)(y * photo->width + x));
+}
+
+// Compares a photo reduced by `factor` with the mean of the display window, weighted by alpha.
+static void assert_window(const window_case *w, const sgs_photo *photo, int factor)
+{
+    assert_int_equal(photo->channels, 4);
+    assert_int_equal(photo->width, SHOWN_WIDTH / factor);
+    assert_int_equal(photo->height, SHOWN_HEIGHT / factor);
+    for (int y = 0; y < photo->height; ++y)
+        for (int x = 0; x < photo->width; ++x)
+            for (int c = 0; c < 4; ++c) {
+                double sum = 0, weight = 0;
+                for (int k = 0; k < factor * factor; ++k) {
+                    const int i = x * factor + k % factor, j = y * factor + k / factor;
+                    const double alpha = window_expected(w, 3, i, j);
+                    sum += c == 3 ? alpha : alpha * window_expected(w, c, i, j);
+                    weight += c == 3 ? 1 : alpha;
+                }
+                const double expected = weight > 0 ? sum / weight : 0;
+                if (!(fabs(photo_at(photo, c, x, y) - expected) <= 1e-3 * expected))
+                    fail_msg("channel %d at (%d, %d): %.6f, expected %.6f", c, x, y,
+                             photo_at(photo, c, x, y), expected);
+            }
+}
+
+// The camera's field of view is that of the display window: crops, larger and shifted data windows,
+// with and without a size in the camera file.
+static void data_windows_are_placed_in_the_display_window(void **state)
+{
+    (void)state;
+    static const window_case cases[] = {
+        {{3, 2, 6, 4}, false, ""},    {{3, 2, 6, 4}, true, "\"w\":10,\"h\":8,"},
+        {{-4, -3, 12, 9}, false, ""}, {{-1, -1, 10, 8}, true, "\"w\":20,\"h\":16,"},
+        {{-3, 1, 6, 8}, false, ""},   {{2, -2, 11, 5}, true, "\"w\":10,\"h\":8,"},
+        {{0, 0, 9, 3}, false, ""},    {{12, 10, 15, 12}, false, ""}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i)
+        for (int k = 0; k < 4; ++k) {
+            const temp_folder folder = put_window(&cases[i]);
+            sgs_scene_options options = sgs_scene_options_default();
+            options.space = SGS_SPACE_LINEAR;
+            options.white_point = 1;
+            options.downscale = k % 2 ? 2 : 1;
+            options.image_cache = k / 2; // 1 byte: decoded when it is used
+            sgs_scene *scene;
+            if (sgs_scene_load(folder.path, &options, &scene))
+                fail_msg("case %zu: %s", i, sgs_last_error());
+            const sgs_camera *camera = &scene->views[0].camera;
+            const double focal = 0.5 * SHOWN_WIDTH / tan(0.5) / options.downscale;
+            assert_int_equal(camera->width, SHOWN_WIDTH / options.downscale);
+            assert_int_equal(camera->height, SHOWN_HEIGHT / options.downscale);
+            assert_true(fabs(camera->params[0] - focal) < 1e-9 * focal);
+            assert_true(fabs(camera->params[2] - 0.5 * camera->width) < 1e-9);
+            const sgs_photo *photo;
+            sgs_photo read;
+            assert_int_equal(sgs_scene_photo(scene, 0, &photo), SGS_STATUS_OK);
+            assert_window(&cases[i], photo, options.downscale);
+            assert_int_equal(sgs_scene_photo_read(scene, 0, camera->width, camera->height, &read),
+                             SGS_STATUS_OK);
+            assert_window(&cases[i], &read, options.downscale);
+            sgs_photo_free(&read);
+            assert_true(scene->has_alpha);
+            assert_string_equal(warnings, "");
+            sgs_scene_destroy(scene);
+            tree_remove(&folder);
+        }
+}
+
+// Cameras of the data window: as made by programs that ignore the display window.
+static void cameras_of_the_data_window_keep_it(void **state)
+{
+    (void)state;
+    const window_case cropped = {{3, 2, 8, 4}, false, "\"w\":6,\"h\":3,"};
+    const temp_folder folder = put_window(&cropped);
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_OK);
+    assert_true(scene->views[0].camera.width == 6 && scene->views[0].image.width == 6 &&
+                scene->views[0].image.channels == 3);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+// A display window of 65537 pixels, in a file of a few bytes.
+static void large_display_windows_are_refused(void **state)
+{
+    (void)state;
+    static const float plane[1];
+    const temp_folder folder = temp_folder_make();
+    const exr_file file = {.width = 1,
+                           .height = 1,
+                           .display = {0, 0, 65536, 1},
+                           .count = 3,
+                           .names = {"B", "G", "R"},
+                           .planes = {plane, plane, plane}};
+    exr_put(&folder, "a.exr", &file);
+    tree_put_text(&folder, "transforms.json",
+                  "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.exr\","
+                  "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}");
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_IO);
+    assert_holds(sgs_last_error(), "a.exr: its display window of 65537 x 2 pixels exceeds");
+    bad_input();
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(interop_ids_name_curve_and_primaries),
         cmocka_unit_test(contradictions_and_unknown_ids_are_noted),
+        cmocka_unit_test_setup(data_windows_are_placed_in_the_display_window, warnings_begin),
+        cmocka_unit_test_setup(cameras_of_the_data_window_keep_it, warnings_begin),
+        cmocka_unit_test_setup(large_display_windows_are_refused, warnings_begin),
         cmocka_unit_test(the_layer_of_the_picture_is_preferred),
         cmocka_unit_test_setup(a_scene_warns_once_of_layers, warnings_begin),
     };

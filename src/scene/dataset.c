@@ -60,8 +60,9 @@ const char *sgsi_image_name_clean(char *name)
 bool sgsi_image_name_has_format(const char *name)
 {
     static const char *const extensions[] = {
-        "jpg", "jpeg", "png",  "tif",  "tiff", "bmp", "webp", "exr", "hdr", "tga", "ppm", "pgm",
-        "jp2", "heic", "heif", "avif", "dng",  "nef", "cr2",  "cr3", "arw", "raf", "rw2", "orf"};
+        "jpg",  "jpeg", "jpe", "jfif", "png", "tif", "tiff", "bmp", "webp", "exr",
+        "hdr",  "tga",  "ppm", "pgm",  "gif", "psd", "dpx",  "jp2", "jxl",  "heic",
+        "heif", "avif", "dng", "nef",  "cr2", "cr3", "arw",  "raf", "rw2",  "orf"};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot && i < sizeof extensions / sizeof *extensions; ++i) {
         if (!strcasecmp(dot + 1, extensions[i]))

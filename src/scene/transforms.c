@@ -439,26 +439,47 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
     return SGS_STATUS_OK;
 }
 
-// The path as a new string, with `extension` appended if it has no image extension. NULL: no
-// memory.
-static char *image_name(const char *file, const char *extension)
+// Replaces the file name of `path` by `name`.
+static char *sibling_path(const char *path, const char *name)
 {
-    return sgsi_format("%s%s", file, *file && !sgsi_image_name_has_format(file) ? extension : "");
+    const char *slash = strrchr(path, '/');
+    return sgsi_format("%.*s%s", slash ? (int)(slash + 1 - path) : 0, path, name);
 }
 
-// Reads the path under `key`, relative to the JSON file's folder. Appends `extension` if the path
-// has no image extension.
-static sgs_status read_path(const reader *r, const json_t *object, const char *key,
-                            const char *extension, char **path)
+// The name of the photo that the JSON file names, as a new string, or NULL without memory.
+// *problem: why it is no name, see sgsi_image_name_clean, or NULL. NeRF synthetic omits the
+// extension, so a name without the extension of an image gets one, unless there is a file of this
+// name.
+static char *image_name(const char *json_path, const char *file, const char **problem)
 {
-    const char *file = json_string_value(json_object_get(object, key));
+    char *name = sgsi_strdup(file);
+    *problem = name ? sgsi_image_name_clean(name) : NULL;
+    if (!name || *problem || sgsi_image_name_has_format(name))
+        return name;
+    char *as_written = sibling_path(json_path, name);
+    char *extended = as_written ? sgsi_format("%s" FRAME_EXTENSION, name) : NULL;
+    const bool keeps = as_written && sgsi_is_file(as_written);
+    sgsi_free(as_written);
+    sgsi_free(keeps ? extended : name);
+    if (keeps)
+        return name;
+    *problem = extended ? sgsi_image_name_clean(extended) : NULL; // its length
+    return extended;
+}
+
+// Reads the path under `key`, relative to the JSON file's folder.
+static sgs_status read_path(const reader *r, const json_t *object, const char *key, bool is_photo,
+                            char **path)
+{
+    const char *file = json_string_value(json_object_get(object, key)), *problem = NULL;
     if (!file)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a string", r->path, r->where,
                          key);
-    *path = image_name(file, extension);
+    *path = is_photo ? image_name(r->path, file, &problem) : sgsi_strdup(file);
     if (!*path)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "%s: %s: not enough memory", r->path, r->where);
-    const char *problem = sgsi_image_name_clean(*path);
+    if (!is_photo)
+        problem = sgsi_image_name_clean(*path);
     if (problem)
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s: '%s' %s; use a path below the folder of this JSON file", r->path,
@@ -471,7 +492,7 @@ static sgs_status read_mask(const reader *r, const json_t *object, char **path)
 {
     const json_t *value = json_object_get(object, "mask_path");
     return !value || json_is_null(value) ? SGS_STATUS_OK
-                                         : read_path(r, object, "mask_path", "", path);
+                                         : read_path(r, object, "mask_path", false, path);
 }
 
 static sgs_status read_frame(reader *r, const json_t *object, const intrinsics *global,
@@ -480,7 +501,7 @@ static sgs_status read_frame(reader *r, const json_t *object, const intrinsics *
     intrinsics own = *global;
     if (!json_is_object(object))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: must be an object", r->path, r->where);
-    sgs_status status = read_path(r, object, "file_path", FRAME_EXTENSION, &frame->name);
+    sgs_status status = read_path(r, object, "file_path", true, &frame->name);
     if (!status)
         status = read_mask(r, object, &frame->mask);
     if (!status)
@@ -558,11 +579,11 @@ static int name_order(const void *key, const void *element)
 
 // Name of the frame that an entry of nerfstudio's lists means; NULL if there is none. The caller
 // frees it.
-static char *listed_name(const json_t *entry)
+static char *listed_name(const char *json_path, const json_t *entry)
 {
-    const char *file = json_string_value(entry);
-    char *name = file ? image_name(file, FRAME_EXTENSION) : NULL;
-    if (name && sgsi_image_name_clean(name)) {
+    const char *file = json_string_value(entry), *problem = NULL;
+    char *name = file ? image_name(json_path, file, &problem) : NULL;
+    if (problem) {
         sgsi_free(name);
         return NULL;
     }
@@ -587,7 +608,7 @@ static size_t mark_listed(const frame_index *index, const char *key, sgs_split s
     size_t i, unknown = 0, first = 0;
     json_array_foreach(names, i, entry)
     {
-        char *name = listed_name(entry);
+        char *name = listed_name(index->path, entry);
         sgsi_frame **found =
             name ? bsearch(name, index->sorted, count, sizeof *index->sorted, name_order) : NULL;
         sgsi_free(name);
@@ -663,13 +684,6 @@ static sgs_status apply_lists(const char *path, const json_t *root, sgsi_dataset
     return done ? SGS_STATUS_OK
                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                             "%s: not enough memory for its lists of images", path);
-}
-
-// Replaces the file name of `path` by `name`.
-static char *sibling_path(const char *path, const char *name)
-{
-    const char *slash = strrchr(path, '/');
-    return sgsi_format("%.*s%s", slash ? (int)(slash + 1 - path) : 0, path, name);
 }
 
 // The point cloud is optional: if it cannot be read, a warning is sent and the scene has no points.

@@ -124,13 +124,15 @@ cp "$photos/0002.jpg" "$temporary/mixed/b.jpg"
 cp "$photos/0003.jpg" "$temporary/mixed/._b.jpg"
 cp "$photos/0003.jpg" "$temporary/mixed/b_mask.png"
 cp "$photos/0004.jpg" "$temporary/mixed/"$'two\nlines.jpg'
-for name in b.DNG c.HEIC d.heic; do echo raw >"$temporary/mixed/$name"; done
+cp "$photos/0005.jpg" "$temporary/mixed/y.jpe"
+cp "$photos/0006.jpg" "$temporary/mixed/z.jfif"
+for name in b.DNG c.HEIC d.heic e.psd f.hdr g.dpx h.jxl; do echo raw >"$temporary/mixed/$name"; done
 : >"$CALLS"
 with_standin run 0 reconstruct "$temporary/mixed" -o "$temporary/mixed_scene"
 check the_list_is_given grep -qxF "$temporary/mixed_scene/colmap/photos.txt" "$CALLS"
-check the_list_has_the_photos test "$(cat "$temporary/mixed_scene/colmap/photos.txt")" = $'a b.JPG\nb.jpg'
+check the_list_has_the_photos test "$(cat "$temporary/mixed_scene/colmap/photos.txt")" = $'a b.JPG\nb.jpg\ny.jpe\nz.jfif'
 reports "lines.jpg: the name contains a line break; COLMAP will not use it"
-reports "mixed: 2 photo(s) in other formats are not used, first 'c.HEIC'; convert them to JPEG, PNG or TIFF"
+reports "mixed: 6 photo(s) in other formats are not used, first 'c.HEIC'; convert them to JPEG, PNG or TIFF"
 
 # links_to_folders_are_not_followed
 cp -r "$photos" "$temporary/linked"

@@ -112,8 +112,8 @@ static bool has_ending(const char *name, const char *const *endings)
 // Masks next to photos are not photos.
 static bool is_photo(const char *name)
 {
-    static const char *const endings[] = {"jpg", "jpeg", "png", "tif", "tiff",
-                                          "bmp", "webp", "ppm", "pgm", NULL};
+    static const char *const endings[] = {"jpg", "jpeg", "jpe", "jfif", "png", "tif", "tiff",
+                                          "bmp", "webp", "ppm", "pgm",  "gif", "tga", NULL};
     static const char mask[] = "_mask.png";
     const size_t length = strlen(name), tail = sizeof mask - 1;
     const bool is_mask = length > tail && !strcmp(name + length - tail, mask);
@@ -123,8 +123,9 @@ static bool is_photo(const char *name)
 // Other formats of photos: COLMAP 3.8 cannot read them, or reads raw files undeveloped.
 static bool is_unread(const char *name)
 {
-    static const char *const endings[] = {"heic", "heif", "avif", "dng", "nef", "cr2", "cr3",
-                                          "arw",  "raf",  "rw2",  "orf", "jp2", "exr", NULL};
+    static const char *const endings[] = {"heic", "heif", "avif", "dng", "nef", "cr2",
+                                          "cr3",  "arw",  "raf",  "rw2", "orf", "jp2",
+                                          "jxl",  "exr",  "hdr",  "dpx", "psd", NULL};
     return has_ending(name, endings);
 }
 

@@ -245,6 +245,19 @@ for encoding in linear srgb; do
     json "$temporary/stdout" '.mean.psnr > 50'
 done
 
+# linear_models_are_encoded_as_srgb (against OpenImageIO's curve; flat and deep files agree)
+linear=(render "$model" "$room" --view 0009 --downscale 8 --aov rgba --deep --train-space linear --compression none)
+run 0 "${linear[@]}" -o "$temporary/light"
+run 0 "${linear[@]}" --exr-encoding srgb -o "$temporary/display"
+check srgb_of_light_is_recorded bash -c "exrheader '$temporary/display/0009.exr' | grep -q 'colorInteropID.*srgb_rec709_scene'"
+check it_is_encoded bash -c "! oiiotool --fail 0.05 '$temporary/light/0009.exr' '$temporary/display/0009.exr' --diff >/dev/null"
+oiiotool "$temporary/display/0009.exr" --unpremult --colorconvert sRGB linear --premult -o "$temporary/decoded.exr"
+check it_is_srgb oiiotool --fail 0.0001 "$temporary/light/0009.exr" "$temporary/decoded.exr" --diff
+for kind in light display; do
+    oiiotool "$temporary/$kind/0009.deep.exr" --flatten --ch R,G,B,A -o "$temporary/$kind/flat.exr"
+    check "deep_is_flat: $kind" oiiotool --fail 0.001 "$temporary/$kind/0009.exr" "$temporary/$kind/flat.exr" --diff
+done
+
 # data_windows_are_placed_in_the_display_window (moved, and cropped; as oiiotool --croptofull does)
 size=$(oiiotool --info "$temporary/encoded/images/0009.exr" | sed -n 's/.*: *\([0-9]*\) x *\([0-9]*\),.*/\1x\2+0+0/p')
 cp "$temporary/encoded/images/0009.exr" "$temporary/whole.exr"

@@ -243,7 +243,7 @@ static const option render_options[] = {
      .argument = "linear|srgb",
      .initial = "linear",
      .needs = "output&format=exr|deep&aov=rgba|deep",
-     .help = "EXR colours: decoded to scene-linear, or display values as trained"},
+     .help = "EXR colours: scene-linear light, or display values"},
     {.name = "compression",
      .kind = OPTION_CHOICE,
      .offset = AT(compression),

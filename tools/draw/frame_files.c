@@ -6,13 +6,14 @@
 // Colour. Models are trained on photos as stored, so model colours are display (sRGB) values
 // and are blended as such. EXR files are expected to be scene-linear: the blended colour is
 // unpremultiplied, decoded with the sRGB curve (extended above 1) and premultiplied again. `srgb`
-// keeps the blended values.
+// keeps the blended values. A model that was trained in linear light is the reverse: its blended
+// colours are light, and `srgb` encodes them likewise; light above the white level is above 1.
 //
-// Deep samples are decoded individually. Their sum exceeds the flat image, which is decoded after
-// blending. So the samples of a pixel are scaled by one factor per channel, at most 1, so that the
-// flattened file equals the flat one. Samples stay positive and keep their proportions, so an
-// object composited between them occludes correctly up to that factor. With `srgb` every partial
-// sum is exact.
+// Deep samples are converted individually. If they are decoded, their sum exceeds the flat image,
+// which is decoded after blending; if they are encoded, it is less. So the samples of a pixel are
+// scaled by one factor per channel, at most 1 or at least 1, so that the flattened file equals the
+// flat one. Samples stay positive and keep their proportions, so an object composited between them
+// occludes correctly up to that factor. Without a conversion every partial sum is exact.
 //
 // Matrices. OpenEXR's standard attributes assume a left-handed camera with y up and z forward;
 // COLMAP has y down, so worldToCamera is the pose with its second row negated. worldToNDC maps to
@@ -56,20 +57,29 @@ static const char deep_axis_depth[] =
 
 static const char flat_suffix[] = ".exr", deep_suffix[] = ".deep.exr";
 
-// The scene-linear value of a model colour.
-static float light_of(const frame_files *files, float value)
+// The value of a model colour in the file's encoding.
+static float encoded_color(const frame_files *files, float value)
 {
-    return files->white_point * (files->space == SGS_SPACE_LINEAR ? value : sgs_srgb_decode(value));
+    const bool is_light = files->space == SGS_SPACE_LINEAR;
+    if (files->encoding == EXR_SRGB)
+        return is_light ? sgs_srgb_encode(value) : value;
+    return files->white_point * (is_light ? value : sgs_srgb_decode(value));
 }
 
-static void linearise(const frame_files *files, sgs_frame *frame)
+// True if files hold the model's display values, which encoded_color does not change.
+static bool keeps_colors(const frame_files *files)
+{
+    return files->encoding == EXR_SRGB && files->space != SGS_SPACE_LINEAR;
+}
+
+static void encode_colors(const frame_files *files, sgs_frame *frame)
 {
     const size_t pixels = (size_t)frame->width * (size_t)frame->height;
     for (size_t i = 0; i < pixels; ++i) {
         const float alpha = 1 - frame->transmittance[i];
         for (int c = 0; c < 3; ++c) {
             float *value = &frame->color[c][i];
-            *value = alpha > 0 ? alpha * light_of(files, *value / alpha) : 0;
+            *value = alpha > 0 ? alpha * encoded_color(files, *value / alpha) : 0;
         }
     }
 }
@@ -276,8 +286,8 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame)
     made_planes made;
     char *path = format_text("%s/%s%s", files->folder, files->stem, flat_suffix);
     bool written = make_planes(files, frame, &made);
-    if (written && files->encoding == EXR_LINEAR && files->aovs & AOV_RGBA)
-        linearise(files, frame);
+    if (written && !keeps_colors(files) && files->aovs & AOV_RGBA)
+        encode_colors(files, frame);
     if (written && files->half && files->aovs & AOV_RGBA)
         limit_to_half(frame);
     written = written && write_exr(files, path, frame, &made);
@@ -321,21 +331,22 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
     return NULL;
 }
 
-// Display to scene-linear, see the top of this file.
-static void linearise_samples(const frame_files *files, sgs_deep_sample *samples, size_t count,
-                              const float flat[3], float alpha)
+// See the top of this file.
+static void encode_samples(const frame_files *files, sgs_deep_sample *samples, size_t count,
+                           const float flat[3], float alpha)
 {
     for (int c = 0; c < 3; ++c) {
         double sum = 0, through = 1;
         for (size_t k = 0; k < count; ++k) {
             float *value = &samples[k].color[c];
             *value = samples[k].alpha > 0
-                         ? samples[k].alpha * light_of(files, *value / samples[k].alpha)
+                         ? samples[k].alpha * encoded_color(files, *value / samples[k].alpha)
                          : 0;
             sum += through * (double)*value;
             through *= 1 - (double)samples[k].alpha;
         }
-        const double wanted = alpha > 0 ? (double)(alpha * light_of(files, flat[c] / alpha)) : 0;
+        const double wanted =
+            alpha > 0 ? (double)(alpha * encoded_color(files, flat[c] / alpha)) : 0;
         const float scale = sum > 0 ? (float)(wanted / sum) : 0;
         for (size_t k = 0; k < count; ++k)
             samples[k].color[c] *= scale;
@@ -354,7 +365,7 @@ sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts
     const sgs_frame *frame = file->frame;
     const size_t width = (size_t)frame->width, pixels = width * (size_t)rows,
                  first = width * (size_t)y;
-    if (file->files->encoding == EXR_SRGB)
+    if (keeps_colors(file->files))
         return sgs_exr_deep_write(file->exr, rows, counts, samples);
     size_t total = 0;
     for (size_t i = 0; i < pixels; ++i)
@@ -375,7 +386,7 @@ sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts
     for (size_t i = 0; i < pixels; at += counts[i++]) {
         const float flat[3] = {frame->color[0][first + i], frame->color[1][first + i],
                                frame->color[2][first + i]};
-        linearise_samples(file->files, at, counts[i], flat, 1 - frame->transmittance[first + i]);
+        encode_samples(file->files, at, counts[i], flat, 1 - frame->transmittance[first + i]);
     }
     return sgs_exr_deep_write(file->exr, rows, counts, file->samples);
 }

@@ -40,7 +40,8 @@ sgs_camera camera_with_border(const sgs_camera *camera, int pixels);
 // Opens FOLDER/STEM.deep.exr. NULL after printing the error.
 typedef struct deep_file deep_file;
 deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int max_samples);
-// A sgs_deep_rows_fn whose context is the deep_file. The frame must still contain display colours.
+// A sgs_deep_rows_fn whose context is the deep_file. The frame must still contain the model's
+// colours.
 sgs_status deep_file_rows(void *context, int y, int rows, const uint32_t *counts,
                           const sgs_deep_sample *samples);
 // True if deep_file_rows has failed and printed the error, which the library then does not know.

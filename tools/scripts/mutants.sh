@@ -52,19 +52,19 @@ dilation_of_3dgs | test_tracer_oracle | (SGS_FILTER_3DGS  *\? )0\.3f | ${1}0.31f
 near_distance_of_small_scenes | test_trainer|test_cli|test_aov | extent < 1\.0 \? 0\.2 \* extent : 0\.2 | extent < 1.0 ? 0.2 : 0.2
 median_at_a_half | test_aov | vf_gt\(front, half\) | vf_gt(front, vf_set1(0.6f))
 filter_3d_variance | test_mip | margin = 0\.15, variance = 0\.2 | margin = 0.15, variance = 0.3
-mask_inverted | test_mask | whiteness\(&mask, at, plane\) >= 128\) == invert | whiteness(\&mask, at, plane) >= 128) != invert
+mask_inverted | test_mask | whiteness\(&mask, at, plane\) >= lowest\) == file->invert | whiteness(\&mask, at, plane) >= lowest) != file->invert
 test_split_offset | test_scene | every && i % \(size_t\)every == 0 \? | every && i % (size_t)every == 1 ?
 initial_opacity | test_gaussians | start_opacity = 0\.1, | start_opacity = 0.2,
 srgb_decode | test_photo|test_image|cli_outputs | encoded \+ 0\.055f\) / 1\.055f, 2\.4f | encoded + 0.055f) / 1.055f, 2.2f
 checkpoint_without_second_moments | test_checkpoint|test_trainer|cli_stop | visit_blocks\(visit, "moment2", trainer->v\); | visit_blocks(visit, "moment2", trainer->m);
 equilibrium_patience | test_spare_equilibrium | state->held >= tolerance->patience | state->held >= tolerance->patience - 1
 f_rest_order | test_ply|test_links | ^    return SGS_PARAM_SH_REST \+ 3 \* \(k % per_channel\) \+ k / per_channel; |     return SGS_PARAM_SH_REST + k;
-aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* light_of | *value = alpha > 0 ? light_of
+aov_without_premultiplication | cli_outputs | \*value = alpha > 0 \? alpha \* encoded_color | *value = alpha > 0 ? encoded_color
 densification_threshold | golden|test_trainer | define SGSI_GRADIENT_THRESHOLD 2e-4 | define SGSI_GRADIENT_THRESHOLD 3e-4
 window_of_ssim | test_loss | if \(workspace->sigma == sigma\) | if (workspace->sigma > 0.0)
 rate_of_opacity | test_schedule_effect | return \(float\)trainer->schedule\.lr_opacity \* | return
 late_removal | test_schedule | return late \|\| sgsi_schedule_is_thinning\(schedule, iteration\) \? (schedule->late_removal) : 0\.0 | return ${1}
-thinning_prunes_large | test_schedule | return sgsi_schedule_is_structural\(schedule, iteration\) && schedule->reset_interval | return schedule->reset_interval
+scaled_prunes_large | test_schedule | return schedule->prunes_large && sgsi_schedule_is_structural | return sgsi_schedule_is_structural
 faintest_first | test_density | = -\(double\)columns->opacity\[i\]; | = (double)columns->opacity[i];
 jitter_of_a_duplicate | test_mcmc_short | (move_in_covariance\(params, )moves->jitter | ${1}0.9 * moves->jitter
 spread_beside_a_given_noise | test_mcmc_short | train->pipeline_options\.mcmc_noise < 0\.0 \? sgsi_run | true ? sgsi_run

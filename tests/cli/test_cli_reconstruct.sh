@@ -136,12 +136,22 @@ reports "mixed: 6 photo(s) in other formats are not used, first 'c.HEIC'; conver
 
 # links_to_folders_are_not_followed
 cp -r "$photos" "$temporary/linked"
-mv "$temporary/linked/0001.jpg" "$temporary"
-ln -s ../0001.jpg "$temporary/linked/0001.jpg"
+mkdir "$temporary/linked/.kept"
+mv "$temporary/linked/0001.jpg" "$temporary/linked/.kept"
+ln -s .kept/0001.jpg "$temporary/linked/0001.jpg"
 for name in a b; do ln -s . "$temporary/linked/$name"; done
 with_standin run 0 reconstruct "$temporary/linked" -o "$temporary/unlinked" --json
 json "$temporary/stdout" '.photos == 35'
 check one_warning_per_link test "$(grep -c "is a link to a folder, which COLMAP does not follow" "$temporary/stderr")" = 2
+
+# links_to_photos_elsewhere_are_refused_before_colmap_runs (training does not read them)
+mv "$temporary/linked/.kept/0001.jpg" "$temporary"
+ln -sfn ../0001.jpg "$temporary/linked/0001.jpg"
+: >"$CALLS"
+with_standin run 1 reconstruct "$temporary/linked" -o "$temporary/elsewhere" --quiet
+reports "linked/0001.jpg: symbolic link points outside the folder of the photos, to "
+one_line
+check colmap_did_not_run test ! -s "$CALLS"
 
 # a_changed_photo_is_noticed (also if its name is not UTF-8)
 for name in a.jpg $'\xe9.jpg'; do

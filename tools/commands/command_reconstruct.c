@@ -183,8 +183,22 @@ static void add_photo(reconstruction *run, const char *path, const char *name,
     free(line);
 }
 
+// The target of a link that leads out of the folder of the photos, or NULL. Training does not
+// follow such links. The caller frees it.
+static char *target_outside(const reconstruction *run, const char *path)
+{
+    char *real = is_link(path) ? realpath(path, NULL) : NULL;
+    const size_t length = strlen(run->photos_path);
+    const bool inside = real && !strncmp(real, run->photos_path, length) && real[length] == '/';
+    if (!inside)
+        return real;
+    free(real);
+    return NULL;
+}
+
 // Lists the photos below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
-// COLMAP does, it follows links to photos and not links to folders, which can form cycles.
+// COLMAP does, it follows links to photos and not links to folders, which can form cycles. Fails at
+// a link to a photo elsewhere.
 static bool list_photos(reconstruction *run, const char *folder, const char *below, int depth,
                         json_t *made_from)
 {
@@ -197,11 +211,18 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
         char *path = format_text("%s/%s", folder, entries[i]->d_name);
         char *name = format_text("%s%s%s", below, *below ? "/" : "", entries[i]->d_name);
         struct stat info;
+        char *target = NULL;
         if (fine && entries[i]->d_name[0] != '.' && !stat(path, &info)) {
             if (S_ISDIR(info.st_mode) && is_link(path)) {
                 print_warning("%s: is a link to a folder, which COLMAP does not follow", path);
             } else if (S_ISDIR(info.st_mode) && depth < MAX_DEPTH) {
                 fine = list_photos(run, path, name, depth + 1, made_from);
+            } else if (S_ISREG(info.st_mode) && is_photo(name) &&
+                       (target = target_outside(run, path))) {
+                fine = false;
+                fail_run("%s: symbolic link points outside the folder of the photos, to %s, where "
+                         "training would not read it; replace the links with the files",
+                         path, target);
             } else if (S_ISREG(info.st_mode) && is_photo(name)) {
                 add_photo(run, path, name, &info, made_from);
             } else if (S_ISREG(info.st_mode) && is_unread(name) &&
@@ -209,6 +230,7 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
                 run->first_unread = format_text("%s", name);
             }
         }
+        free(target);
         free(name);
         free(path);
     }

@@ -21,8 +21,11 @@
 // - From N = 1000 on, an update in the second half of densification removes at most 5 % of the
 //   primitives, those of least opacity first: the few updates that remain cannot repair more.
 //   On high-resolution images, updates of 3dgs and mip go on until the rates decay, but only remove
-//   faint and redundant primitives, mostly those that this limit kept. None is removed for its
-//   size: nothing would grow in its place. FastGS has its own final prunes.
+//   faint and redundant primitives, mostly those that this limit kept. FastGS has its own final
+//   prunes.
+// - No primitive is removed for its size. The published rule removes those larger than a tenth of
+//   the extent in each update after the first reset, which makes holes in walls and floors; the
+//   fewer updates of a scaled run do not fill them.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or 1500 iterations if that is less: opacities require some
 //   hundred visits to recover from 0.01, and the loss takes as long to settle. Their number follows
@@ -255,6 +258,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
         .growth = pipeline->relocates ? options->pipeline_options.mcmc_growth : 0.0,
         .reset_until = pipeline->densify_until,
         .first_reset = is_white(options) ? 500 : 0,
+        .prunes_large = !scaled || options->iterations >= SGSI_PAPER_LENGTH,
         .prune_interval = pipeline->prune_interval ? rounded(pipeline->prune_interval * f, 1) : 0,
         .batch_rest = batch(pipeline->batch_rest, f),
         .batch_middle = batch(pipeline->batch_middle, f),
@@ -342,12 +346,11 @@ bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration)
 }
 
 // train.py of 3DGS: `iteration > opacity_reset_interval`, and the reset at that iteration follows
-// the update. Without a reset, as in a short scaled run, large primitives are kept. So they are in
-// thinning: nothing would grow where they were.
+// the update.
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int iteration, int last_reset)
 {
-    return sgsi_schedule_is_structural(schedule, iteration) && schedule->reset_interval &&
-           last_reset >= schedule->reset_interval;
+    return schedule->prunes_large && sgsi_schedule_is_structural(schedule, iteration) &&
+           schedule->reset_interval && last_reset >= schedule->reset_interval;
 }
 
 // The bounds are multiples of the interval: it is rounded in a scaled run, and there would be a

@@ -16,6 +16,7 @@ typedef struct sgsi_schedule {
     int densify_from, densify_until, densify_interval;
     int reset_interval, reset_until; // opacity resets; 0 = none
     int first_reset;                 // additional reset for a white background; 0 = none
+    bool prunes_large;               // by size, after the first reset
     double growth;                   // MCMC: rows that an update adds, as a fraction
     int prune_interval;              // final prunes after densify_until; 0 = none
     int thin_until; // last update after densify_until that only removes primitives; 0 = none
@@ -61,9 +62,9 @@ bool sgsi_schedule_is_structural(const sgsi_schedule *schedule, int iteration);
 int sgsi_schedule_first_update(const sgsi_schedule *schedule);
 // True if an opacity reset follows it.
 bool sgsi_schedule_is_reset(const sgsi_schedule *schedule, int iteration);
-// True if the update after this iteration also prunes by size: a structural one, after the first
-// regular opacity reset. The additional reset for a white background does not count. last_reset:
-// iteration of the last reset, -1 = none.
+// True if the update after this iteration also prunes by size: a structural one of the published
+// schedule, after the first regular opacity reset. The additional reset for a white background does
+// not count. last_reset: iteration of the last reset, -1 = none.
 bool sgsi_schedule_prunes_large(const sgsi_schedule *schedule, int iteration, int last_reset);
 // True if an update after densification, which only removes primitives, follows this iteration:
 // a final prune of the pipeline, or thinning.

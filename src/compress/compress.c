@@ -251,6 +251,10 @@ static sgs_status describe(sgsi_container *container, const sgsi_compress_method
                          container->path);
     const uint32_t last = methods[m]->version;
     const uint32_t first = methods[m]->oldest ? methods[m]->oldest : last;
+    if (first == last && header->version != last)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: version %u of method '%s' is unknown; this program reads version %u",
+                         container->path, header->version, header->method, last);
     if (header->version < first || header->version > last)
         return sgsi_fail(
             SGS_STATUS_UNSUPPORTED,

@@ -118,7 +118,10 @@ sgsi_image_info sgsi_photo_display(const sgsi_image_info *file)
     sgsi_image_info info = *file;
     info.width = file->full_width;
     info.height = file->full_height;
-    info.channels = 4;
+    const bool covered = file->left <= 0 && file->top <= 0 &&
+                         file->left + file->width >= file->full_width &&
+                         file->top + file->height >= file->full_height;
+    info.channels = covered ? file->channels : 4; // transparent where there is no data
     return info;
 }
 
@@ -237,15 +240,16 @@ static void take_row(void *context, int y, const float *row)
 typedef struct placer {
     reducer *reducer;
     const sgsi_image_info *file;
-    float *row; // [width of the display window][4]
+    float *row; // [width of the display window][channels of the photo]
     int next;   // row of the display window
 } placer;
 
 // Rows outside of the data window, up to `end`.
 static void take_empty_rows(placer *p, int end)
 {
+    const size_t channels = (size_t)p->reducer->info->channels;
     if (p->next < end)
-        memset(p->row, 0, 4 * (size_t)p->file->full_width * sizeof *p->row);
+        memset(p->row, 0, channels * (size_t)p->file->full_width * sizeof *p->row);
     for (; p->next < end; ++p->next)
         take_row(p->reducer, p->next, p->row);
 }
@@ -255,15 +259,17 @@ static void place_row(void *context, int y, const float *row)
     placer *p = context;
     const sgsi_image_info *file = p->file;
     const int64_t at = (int64_t)y + file->top, left = file->left, end = left + file->width;
+    const int channels = p->reducer->info->channels;
     if (at < 0 || at >= file->full_height)
         return;
     take_empty_rows(p, (int)at);
-    memset(p->row, 0, 4 * (size_t)file->full_width * sizeof *p->row);
+    memset(p->row, 0, (size_t)channels * (size_t)file->full_width * sizeof *p->row);
     for (int64_t x = left > 0 ? left : 0; x < end && x < file->full_width; ++x) {
         const float *in = row + (x - left) * file->channels;
-        float *out = p->row + 4 * x;
+        float *out = p->row + channels * x;
         memcpy(out, in, 3 * sizeof *out);
-        out[3] = file->channels == 4 ? in[3] : 1.0f;
+        if (channels == 4)
+            out[3] = file->channels == 4 ? in[3] : 1.0f;
     }
     take_row(p->reducer, (int)at, p->row);
     p->next = (int)at + 1;

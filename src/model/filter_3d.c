@@ -329,7 +329,8 @@ static double raw_ratios(const double variances[3], double filter_3d, double sha
 void sgsi_filter_3d_unfuse(float params[SGS_PARAM_COUNT], double filter_3d)
 {
     // Where there is no exact inverse, opacities are at most 0.99: higher ones hardly train.
-    static const double least_share = 0.01, growth = 1.25, most_opaque = 0.99, near_one = 0.9999;
+    static const double least_share = 0.01, growth = 1.25, most_opaque = 0.99, near_one = 0.9999,
+                        rounding = 1e-6;
     double variances[3], ratios[3], share = least_share, product;
     bool bounded;
     if (!(filter_3d > 0.0))
@@ -339,7 +340,8 @@ void sgsi_filter_3d_unfuse(float params[SGS_PARAM_COUNT], double filter_3d)
     const double opacity = 1.0 / (1.0 + exp(-(double)params[SGS_PARAM_OPACITY]));
     for (;; share = fmin(share * growth, 1.0)) {
         product = raw_ratios(variances, filter_3d, share, ratios, &bounded);
-        if (!bounded || share >= 1.0 || opacity <= most_opaque * product)
+        if ((!bounded && opacity <= product * (1.0 + rounding)) || share >= 1.0 ||
+            opacity <= most_opaque * product)
             break;
     }
     if (share >= 1.0)

@@ -152,6 +152,7 @@ with_standin run 1 reconstruct "$temporary/linked" -o "$temporary/elsewhere" --q
 reports "linked/0001.jpg: symbolic link points outside the folder of the photos, to "
 one_line
 check colmap_did_not_run test ! -s "$CALLS"
+with_standin run 0 reconstruct "$temporary/linked" -o "$temporary" --quiet # training reads links within SCENE
 
 # a_changed_photo_is_noticed (also if its name is not UTF-8)
 for name in a.jpg $'\xe9.jpg'; do

@@ -293,8 +293,9 @@ static void removing_the_filter_restores_the_raw_primitive(void **state)
     }
 }
 
-// No raw scale gives a scale below that of the filter: what fusing makes of it is larger, by the
-// filter at most, and has the same opacity times volume.
+// No raw scale gives a scale below that of the filter, nor a raw opacity below 1 a high opacity of
+// a scale slightly above it: what fusing makes of both is larger, by the filter at most, and has
+// the same opacity times volume.
 static void primitives_below_the_filter_keep_opacity_times_volume(void **state)
 {
     (void)state;
@@ -304,6 +305,8 @@ static void primitives_below_the_filter_keep_opacity_times_volume(void **state)
         for (uint64_t k = 0; k < 3; ++k)
             stored[k] = filter * exp(log(0.01) + log(300) * sgsi_random_uniform(2, 5 * i + k));
         stored[i % 3] = fmin(stored[i % 3], filter);
+        for (uint64_t k = 0; i >= 250 && k < 3; ++k)
+            stored[k] = filter * (1.006 + 2 * sgsi_random_uniform(3, 5 * i + k));
         stored[3] = 0.01 + 0.98 * sgsi_random_uniform(2, 5 * i + 4);
         float row[SGS_PARAM_COUNT] = {0};
         set_row(stored, row);

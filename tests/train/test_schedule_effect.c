@@ -247,6 +247,7 @@ static void thinning_keeps_large_primitives(void **state)
     schedule->thin_until = last + interval;
     schedule->reset_interval = 2 * options.iterations; // no reset but this one
     trainer->progress.last_reset = schedule->reset_interval;
+    schedule->prunes_large = true;
     schedule->threshold_factor = 1e9; // no growth
     trainer_run(trainer, last - 1);
     for (int update = last; update <= last + interval; update += interval) {

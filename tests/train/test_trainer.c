@@ -572,10 +572,11 @@ static void updates_and_resets_follow_in_the_next_call(void **state)
 
 // Fraction of primitives longer than a tenth of the extent after the update of iteration 30; a
 // fifth of the initial cloud is. The reset is at 20, unless the run has none.
-static double large_share(int reset_until)
+static double large_share(int reset_until, bool prunes)
 {
     sgs_trainer *trainer = start_busy();
     trainer->schedule.reset_until = reset_until;
+    trainer->schedule.prunes_large = prunes;
     trainer_run(trainer, 31);
     const sgs_gaussians *model = sgs_trainer_model(trainer);
     double large = 0;
@@ -593,8 +594,9 @@ static double large_share(int reset_until)
 static void large_primitives_are_pruned_only_after_an_opacity_reset(void **state)
 {
     (void)state;
-    assert_true(large_share(100) < 0.05);
-    assert_true(large_share(15) > 0.15);
+    assert_true(large_share(100, true) < 0.05);
+    assert_true(large_share(15, true) > 0.15);
+    assert_true(large_share(100, false) > 0.15); // a scaled run
 }
 
 // Radii are converted when the image size changes between two updates.

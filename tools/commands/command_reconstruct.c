@@ -183,17 +183,24 @@ static void add_photo(reconstruction *run, const char *path, const char *name,
     free(line);
 }
 
-// The target of a link that leads out of the folder of the photos, or NULL. Training does not
-// follow such links. The caller frees it.
+static bool is_below(const char *path, const char *folder)
+{
+    const size_t length = strlen(folder);
+    return !strncmp(path, folder, length) && (length == 1 || path[length] == '/');
+}
+
+// The target of a link that leads out of the folder of the photos and the data set, or NULL.
+// Training does not follow such links. The caller frees it.
 static char *target_outside(const reconstruction *run, const char *path)
 {
     char *real = is_link(path) ? realpath(path, NULL) : NULL;
-    const size_t length = strlen(run->photos_path);
-    const bool inside = real && !strncmp(real, run->photos_path, length) && real[length] == '/';
-    if (!inside)
-        return real;
-    free(real);
-    return NULL;
+    char *scene = realpath(run->values->output, NULL);
+    if (real && (is_below(real, run->photos_path) || (scene && is_below(real, scene)))) {
+        free(real);
+        real = NULL;
+    }
+    free(scene);
+    return real;
 }
 
 // Lists the photos below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As

@@ -29,7 +29,8 @@ void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d);
 // Removes it, so that sgsi_filter_3d_fuse restores the primitive: raw scales sqrt(s^2 - f3^2), and
 // an opacity that grows as the volume shrinks. A scale s of less than about f3 has no raw scale,
 // and an opacity that would exceed 1 no raw opacity: the square of the raw scale is then at least a
-// share of s^2, from 1 % to all of it, the smallest one that leaves the opacity below 1. Fusing then restores opacity times volume, with larger scales.
+// share of s^2, from 1 % to all of it, the smallest one that leaves the opacity below 1. Fusing
+// then restores opacity times volume, with larger scales.
 void sgsi_filter_3d_unfuse(float params[SGS_PARAM_COUNT], double filter_3d);
 // A row of a model with its filter applied and the opacity as logit; `to` may be `from`.
 void sgsi_filter_3d_fuse_row(const sgs_gaussians *from, size_t i, float filter_3d,

@@ -558,6 +558,22 @@ static void dash_adds_no_more_than_its_budget(void **state)
     drop(f);
 }
 
+// At a cap, the decisions are made without the pruning by size first, then with it.
+static void dash_has_the_same_momentum_with_a_cap(void **state)
+{
+    (void)state;
+    fixture *f = make(&sgsi_pipeline_dash, 1000, 1e-3f);
+    f->options.until = 27000;
+    f->options.update_count = 265;
+    f->options.size_max = 1e6;
+    f->options.max_count = 5000;
+    for (size_t i = 0; i < 1000; ++i)
+        f->statistics.gradient_sum[i] = 1e-3f + 1e-6f * (float)i;
+    assert_int_equal(update(f), 1200);
+    assert_int_equal(f->state.momentum, 5900);
+    drop(f);
+}
+
 static void dash_prunes_before_it_grows(void **state)
 {
     (void)state;
@@ -695,6 +711,7 @@ int main(void)
         cmocka_unit_test(fastgs_final_prune_removes_faint_rows_and_high_scores),
         cmocka_unit_test(fastgs_scores_average_votes_and_scale_pruning),
         cmocka_unit_test(dash_adds_no_more_than_its_budget),
+        cmocka_unit_test(dash_has_the_same_momentum_with_a_cap),
         cmocka_unit_test(dash_prunes_before_it_grows),
         cmocka_unit_test(no_pipeline_grows_without_gradients),
         cmocka_unit_test(dash_replaces_only_rows_that_are_removed),

@@ -42,6 +42,16 @@ static inline void sgsi_radix_sort(uint64_t *keys, uint64_t *spare, size_t count
     sgsi_radix_pass(spare, keys, count, base, shift + 10, 10);
 }
 
+// Sorts by all of the upper 32 bits; equal ones keep their order. Buffers as for sgsi_radix_sort.
+static inline void sgsi_radix_sort_exact(uint64_t *keys, uint64_t *spare, size_t count)
+{
+    enum { DIGIT = 8 };
+    for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
+        sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
+        sgsi_radix_pass(spare, keys, count, 0, shift + DIGIT, DIGIT);
+    }
+}
+
 // Insertion sort by the whole key. Returns false once it has moved more than max_moves keys by one
 // place: the keys are then partly sorted, and those with equal upper halves are in order among
 // themselves if they were before.
@@ -66,16 +76,12 @@ static inline bool sgsi_insertion_sort(uint64_t *keys, size_t count, size_t max_
 static inline void sgsi_sort_keys(uint64_t *keys, uint64_t *spare, size_t count, uint32_t least,
                                   uint32_t most)
 {
-    enum { FEW = 96, MOVES_PER_KEY = 8, DIGIT = 8 };
+    enum { FEW = 96, MOVES_PER_KEY = 8 };
     if (count <= FEW) {
         sgsi_insertion_sort(keys, count, SIZE_MAX);
         return;
     }
     sgsi_radix_sort(keys, spare, count, least, most);
-    if (sgsi_insertion_sort(keys, count, MOVES_PER_KEY * count))
-        return;
-    for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
-        sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
-        sgsi_radix_pass(spare, keys, count, 0, shift + DIGIT, DIGIT);
-    }
+    if (!sgsi_insertion_sort(keys, count, MOVES_PER_KEY * count))
+        sgsi_radix_sort_exact(keys, spare, count);
 }

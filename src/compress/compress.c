@@ -7,6 +7,7 @@
 #include "sparegs/compress.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "compress/compress_method.h"
@@ -251,15 +252,14 @@ static sgs_status describe(sgsi_container *container, const sgsi_compress_method
                          container->path);
     const uint32_t last = methods[m]->version;
     const uint32_t first = methods[m]->oldest ? methods[m]->oldest : last;
-    if (first == last && header->version != last)
+    if (header->version < first || header->version > last) {
+        char versions[32];
+        snprintf(versions, sizeof versions, first < last ? "versions %u to %u" : "version %u",
+                 first, last);
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: version %u of method '%s' is unknown; this program reads version %u",
-                         container->path, header->version, header->method, last);
-    if (header->version < first || header->version > last)
-        return sgsi_fail(
-            SGS_STATUS_UNSUPPORTED,
-            "%s: version %u of method '%s' is unknown; this program reads versions %u to %u",
-            container->path, header->version, header->method, first, last);
+                         "%s: version %u of method '%s' is unknown; this program reads %s",
+                         container->path, header->version, header->method, versions);
+    }
     *method = methods[m];
     *info = (sgs_compress_info){.method = (sgs_compress_method)m,
                                 .input = header->input,

@@ -134,31 +134,33 @@ static size_t max_replaced(const sgsi_density_options *options, size_t count, si
     return share < left ? share : left;
 }
 
+// Counts the rows that grow and those that are not removed.
+static void count_rows(const sgsi_density_columns *columns, size_t *growing, size_t *survivors)
+{
+    *growing = *survivors = 0;
+    for (size_t i = 0; i < columns->count; ++i) {
+        *growing += columns->action[i] != SGSI_ACTION_KEEP && !columns->prune_children[i];
+        *survivors += !loses_row(columns, i);
+    }
+}
+
 bool sgsi_growth_exceeds_cap(const sgsi_density_options *options,
                              const sgsi_density_columns *columns)
 {
-    size_t wanted = 0, survivors = 0;
-    if (!options->max_count)
-        return false;
-    for (size_t i = 0; i < columns->count; ++i) {
-        wanted += columns->action[i] != SGSI_ACTION_KEEP && !columns->prune_children[i];
-        survivors += !loses_row(columns, i);
-    }
-    return survivors + wanted > options->max_count;
+    size_t growing, survivors;
+    count_rows(columns, &growing, &survivors);
+    return options->max_count && survivors + growing > options->max_count;
 }
 
 sgs_status sgsi_limit_growth(const sgsi_density_options *options, sgsi_density_columns *columns,
                              const sgsi_statistics *statistics)
 {
     const size_t n = columns->count, cap = options->max_count;
-    size_t wanted = 0, made = 0, survivors = 0;
+    size_t wanted, made = 0, survivors;
     if (!cap)
         return SGS_STATUS_OK;
     drop_empty_growth(columns);
-    for (size_t i = 0; i < n; ++i) {
-        wanted += columns->action[i] != SGSI_ACTION_KEEP;
-        survivors += !loses_row(columns, i);
-    }
+    count_rows(columns, &wanted, &survivors);
     size_t room = survivors < cap ? cap - survivors : 0;
     if (wanted <= room)
         return SGS_STATUS_OK;

@@ -12,6 +12,8 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "sparegs/image.h"
+
 static const double ADOBE_GAMMA = 563.0 / 256; // Adobe RGB (1998), 4.3.1.2; "g22" in its ID
 
 static const struct {
@@ -62,8 +64,7 @@ bool sgsi_interop_find(const char *id, sgsi_interop_space *space)
 
 float sgsi_interop_decode(const sgsi_interop_space *space, float value)
 {
-    const double v = (double)value;
-    if (space->gamma > 0)
-        return value > 0.0f ? (float)pow(v, space->gamma) : value;
-    return (float)(v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4));
+    if (space->gamma == 0)
+        return sgs_srgb_decode(value);
+    return value > 0.0f ? (float)pow((double)value, space->gamma) : value;
 }

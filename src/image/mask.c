@@ -122,12 +122,14 @@ static int whiteness(const sgs_image8 *mask, size_t at, size_t plane)
 // valid.
 static int lowest_valid(const sgs_image8 *mask, size_t plane)
 {
-    int largest = 0;
+    bool all_zero = true;
     for (size_t at = 0; at < plane; ++at) {
         const int value = whiteness(mask, at, plane);
-        largest = value > largest ? value : largest;
+        if (value >= 128)
+            return 128;
+        all_zero = all_zero && !value;
     }
-    return largest > 0 && largest < 128 ? 1 : 128;
+    return all_zero ? 128 : 1;
 }
 
 sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bool *excludes)

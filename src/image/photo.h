@@ -78,8 +78,8 @@ bool sgsi_photo_is_8bit(const sgsi_image_info *info, sgs_space space);
 sgs_status sgsi_photo_choose_window(const char *path, const sgsi_image_info *info,
                                     const sgs_camera *camera, bool *display);
 
-// Properties of a photo that is the display window of this file: its size, and an alpha channel,
-// which is 0 outside of the data window. Cannot fail.
+// Properties of a photo that is the display window of this file: its size, and unless the data
+// window covers it, an alpha channel, which is 0 outside of the data window. Cannot fail.
 sgsi_image_info sgsi_photo_display(const sgsi_image_info *file);
 
 // Decoded size in bytes of such a photo at this resolution, including a mask.

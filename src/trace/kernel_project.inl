@@ -87,7 +87,7 @@ static inline vm hits_beyond_near(const sgsi_view *view, const gaussian16 *g, vf
 // nearer than the near distance. Fisheye lenses have no such limit: there, a primitive is visible
 // if it may have a hit, and its radius is measured at the near distance or farther.
 static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm in_cone,
-                                  vm beyond_near)
+                                  vf longest_filtered, vf reach)
 {
     const sgsi_rays *rays = view->rays;
     const vf zero = vf_zero(), one = vf_set1(1.0f), pixel = vf_set1(view->mip ? 0.1f : 0.3f);
@@ -98,7 +98,7 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
         const vf sigma = vf_div(vf_mul(longest, vf_set1(rays->focal)), distance);
         const vf variance = vf_min(vf_fma(sigma, sigma, pixel), largest);
         const vf radius = vf_add(vf_mul(vf_set1(3.0f), vf_sqrt(variance)), vf_set1(0.5f));
-        return vf_keep(vm_and(in_cone, beyond_near), radius);
+        return vf_keep(vm_and(in_cone, hits_beyond_near(view, g, longest_filtered, reach)), radius);
     }
     const float width = (float)rays->camera.width, height = (float)rays->camera.height;
     const vf z = g->delta.z;
@@ -137,9 +137,9 @@ static inline vf projected_radius(const sgsi_view *view, const gaussian16 *g, vm
 }
 
 static inline void project_statistics(const sgsi_project *input, size_t block, const gaussian16 *g,
-                                      vm in_cone, vm beyond_near)
+                                      vm in_cone, vf longest_filtered, vf reach)
 {
-    const vf radius = projected_radius(&input->view, g, in_cone, beyond_near);
+    const vf radius = projected_radius(&input->view, g, in_cone, longest_filtered, reach);
     const vm visible = vm_and(in_cone, vf_gt(radius, vf_zero()));
     if (input->visible)
         input->visible[block] = (uint16_t)vm_bits(visible);
@@ -214,8 +214,7 @@ static void project(const sgsi_project *input, size_t begin, size_t end)
         const vm traced = vm_and(in_cone, opaque);
         project_bounds(input, block, &g, reach, sane, traced);
         if (input->visible_count || input->visible)
-            project_statistics(input, block, &g, in_cone,
-                               hits_beyond_near(&input->view, &g, longest, reach));
+            project_statistics(input, block, &g, in_cone, longest, reach);
         if (vm_any(traced))
             store_projected(input, block, &g, log_opacity, vf_mul(reach, longest), traced);
         else

@@ -319,16 +319,13 @@ static sgsi_macrotile open_macrotile(const forward_pass *pass, int macrotile,
 static void sort_by_row(const sgsi_scratch *s, const uint32_t *rows, uint64_t *keys,
                         uint64_t *spare, size_t count)
 {
-    enum { FEW = 32, DIGIT = 8 };
+    enum { FEW = 32 };
     for (size_t i = 0; i < count; ++i) {
         const uint32_t id = s->macrotile_ids[(uint32_t)keys[i]];
         keys[i] = (uint64_t)(rows ? rows[id] : id) << 32 | (uint32_t)keys[i];
     }
     if (count > FEW)
-        for (int shift = 32; shift < 64; shift += 2 * DIGIT) {
-            sgsi_radix_pass(keys, spare, count, 0, shift, DIGIT);
-            sgsi_radix_pass(spare, keys, count, 0, shift + DIGIT, DIGIT);
-        }
+        sgsi_radix_sort_exact(keys, spare, count);
     else
         sgsi_insertion_sort(keys, count, SIZE_MAX);
 }

@@ -21,6 +21,7 @@
 #include "image/photo.h"
 #include "sparegs/runtime.h"
 #include "support/bad_input.h"
+#include "support/exr_bytes.h"
 #include "support/scene_support.h"
 
 enum { WIDTH = 21, HEIGHT = 70 }; // two slabs of rows, a width that is not a multiple of 16
@@ -689,13 +690,6 @@ static void layers_before_the_colours_take_no_memory(void **state)
     tree_remove(&folder);
 }
 
-static void put_attribute(buffer *b, const char *name, const char *type, int size)
-{
-    put_bytes(b, name, strlen(name) + 1);
-    put_bytes(b, type, strlen(type) + 1);
-    put_integer(b, (uint64_t)size, 4);
-}
-
 // The header and an empty table of offsets of a file with large tiles.
 static void put_large_tiles(const char *path, int display_side)
 {
@@ -704,7 +698,7 @@ static void put_large_tiles(const char *path, int display_side)
     b.size = 0;
     put_integer(&b, 0x01312f76, 4);
     put_integer(&b, 2 | 1 << 9, 4);
-    put_attribute(&b, "channels", "chlist", 3 * 18 + 1);
+    exr_attribute(&b, "channels", "chlist", 3 * 18 + 1);
     for (int k = 0; k < 3; ++k) {
         const char name[2] = {"BGR"[k], 0};
         put_bytes(&b, name, 2);
@@ -714,23 +708,16 @@ static void put_large_tiles(const char *path, int display_side)
         put_integer(&b, 1, 4);
     }
     put_integer(&b, 0, 1);
-    put_attribute(&b, "compression", "compression", 1);
+    exr_attribute(&b, "compression", "compression", 1);
     put_integer(&b, 3, 1); // ZIP
     for (int k = 0; k < 2; ++k) {
-        put_attribute(&b, k ? "displayWindow" : "dataWindow", "box2i", 16);
+        exr_attribute(&b, k ? "displayWindow" : "dataWindow", "box2i", 16);
         put_integer(&b, 0, 8);
         put_integer(&b, (uint64_t)(k ? display_side : SIDE) - 1, 4);
         put_integer(&b, (uint64_t)(k ? display_side : SIDE) - 1, 4);
     }
-    put_attribute(&b, "lineOrder", "lineOrder", 1);
-    put_integer(&b, 0, 1);
-    put_attribute(&b, "pixelAspectRatio", "float", 4);
-    put_integer(&b, 0x3f800000, 4);
-    put_attribute(&b, "screenWindowCenter", "v2f", 8);
-    put_integer(&b, 0, 8);
-    put_attribute(&b, "screenWindowWidth", "float", 4);
-    put_integer(&b, 0x3f800000, 4);
-    put_attribute(&b, "tiles", "tiledesc", 9);
+    exr_fixed_attributes(&b);
+    exr_attribute(&b, "tiles", "tiledesc", 9);
     put_integer(&b, WIDE, 4);
     put_integer(&b, SIDE, 4);
     put_integer(&b, 0, 1);

@@ -12,19 +12,11 @@
 #include <cmocka.h>
 
 #include "support/bad_input.h"
-#include "support/scene_support.h"
-#include "scene/transforms.h"
+#include "support/transforms_support.h"
 
 #define FRAME(name)                                                                                \
     "{\"file_path\":\"" name "\",\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0]]}"
 #define GLOBAL "{\"camera_angle_x\":1,"
-
-static void read_text(const temp_folder *folder, const char *text, sgsi_dataset *d)
-{
-    tree_put_text(folder, "transforms.json", text);
-    if (sgsi_transforms_read(temp_path(folder, "transforms.json"), d))
-        fail_msg("%s", sgs_last_error());
-}
 
 static void files_keep_the_name_as_written(void **state)
 {

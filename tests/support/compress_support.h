@@ -7,12 +7,14 @@
 
 #include <math.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <xxhash.h>
 
 #include "base/core.h"
 #include "sparegs/compress.h"
+#include "sparegs/status.h"
 
 enum { PACK_HEADER = 64, PACK_ENTRY = 48 };
 
@@ -48,6 +50,23 @@ static inline void pack_reseal(unsigned char *bytes, size_t size)
     }
     const size_t digest = PACK_HEADER + count * PACK_ENTRY;
     pack_put(bytes, digest, XXH64(bytes, digest, 0), 8);
+}
+
+static inline void pack_keep_warning(void *warning, const char *message)
+{
+    snprintf(warning, 512, "%s", message);
+}
+
+// Compresses a model. `warning` receives the last warning, or "".
+static inline sgs_status pack_with_warning(const sgs_gaussians *model,
+                                           const sgs_compress_options *options, const char *path,
+                                           char warning[512])
+{
+    *warning = 0;
+    sgs_warning_handler_set(pack_keep_warning, warning);
+    const sgs_status status = sgs_compress(model, options, path, NULL);
+    sgs_warning_handler_set(NULL, NULL);
+    return status;
 }
 
 // A model as training makes them: clustered positions, small scales, decreasing bands. Rotations

@@ -51,6 +51,19 @@ static inline void exr_channel_list(buffer *b, const exr_file *f)
     put_integer(b, 0, 1);
 }
 
+// Required attributes, with their usual values.
+static inline void exr_fixed_attributes(buffer *b)
+{
+    exr_attribute(b, "lineOrder", "lineOrder", 1);
+    put_integer(b, 0, 1);
+    exr_attribute(b, "pixelAspectRatio", "float", 4);
+    put_integer(b, 0x3f800000, 4);
+    exr_attribute(b, "screenWindowCenter", "v2f", 8);
+    put_integer(b, 0, 8);
+    exr_attribute(b, "screenWindowWidth", "float", 4);
+    put_integer(b, 0x3f800000, 4);
+}
+
 static inline void exr_put(const temp_folder *folder, const char *name, const exr_file *f)
 {
     static buffer b;
@@ -71,14 +84,7 @@ static inline void exr_put(const temp_folder *folder, const char *name, const ex
     put_integer(&b, 0, 1);
     exr_window(&b, "dataWindow", f->data, f);
     exr_window(&b, "displayWindow", f->display, f);
-    exr_attribute(&b, "lineOrder", "lineOrder", 1);
-    put_integer(&b, 0, 1);
-    exr_attribute(&b, "pixelAspectRatio", "float", 4);
-    put_integer(&b, 0x3f800000, 4);
-    exr_attribute(&b, "screenWindowCenter", "v2f", 8);
-    put_integer(&b, 0, 8);
-    exr_attribute(&b, "screenWindowWidth", "float", 4);
-    put_integer(&b, 0x3f800000, 4);
+    exr_fixed_attributes(&b);
     put_integer(&b, 0, 1); // end of the header
     const size_t first = b.size + 8 * (size_t)f->height;
     for (int y = 0; y < f->height; ++y)

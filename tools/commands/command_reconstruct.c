@@ -26,6 +26,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "cli/resolved_path.h"
 #include "cli/shared_options.h"
 #include "run/reconstructed_scene.h"
 #include "sparegs/image.h"
@@ -183,24 +184,12 @@ static void add_photo(reconstruction *run, const char *path, const char *name,
     free(line);
 }
 
-static bool is_below(const char *path, const char *folder)
+// True for a link that leads out of the folder of the photos and the data set. Training does not
+// follow it.
+static bool leads_outside(const reconstruction *run, const char *path)
 {
-    const size_t length = strlen(folder);
-    return !strncmp(path, folder, length) && (length == 1 || path[length] == '/');
-}
-
-// The target of a link that leads out of the folder of the photos and the data set, or NULL.
-// Training does not follow such links. The caller frees it.
-static char *target_outside(const reconstruction *run, const char *path)
-{
-    char *real = is_link(path) ? realpath(path, NULL) : NULL;
-    char *scene = realpath(run->values->output, NULL);
-    if (real && (is_below(real, run->photos_path) || (scene && is_below(real, scene)))) {
-        free(real);
-        real = NULL;
-    }
-    free(scene);
-    return real;
+    return is_link(path) && !path_is_below(path, run->photos_path) &&
+           !path_is_below(path, run->values->output);
 }
 
 // Lists the photos below `folder` and appends "NAME SIZE MTIME" of each to `made_from`. As
@@ -218,18 +207,18 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
         char *path = format_text("%s/%s", folder, entries[i]->d_name);
         char *name = format_text("%s%s%s", below, *below ? "/" : "", entries[i]->d_name);
         struct stat info;
-        char *target = NULL;
         if (fine && entries[i]->d_name[0] != '.' && !stat(path, &info)) {
             if (S_ISDIR(info.st_mode) && is_link(path)) {
                 print_warning("%s: is a link to a folder, which COLMAP does not follow", path);
             } else if (S_ISDIR(info.st_mode) && depth < MAX_DEPTH) {
                 fine = list_photos(run, path, name, depth + 1, made_from);
-            } else if (S_ISREG(info.st_mode) && is_photo(name) &&
-                       (target = target_outside(run, path))) {
+            } else if (S_ISREG(info.st_mode) && is_photo(name) && leads_outside(run, path)) {
+                char *target = resolve_path(path);
                 fine = false;
                 fail_run("%s: symbolic link points outside the folder of the photos, to %s, where "
                          "training would not read it; replace the links with the files",
                          path, target);
+                free(target);
             } else if (S_ISREG(info.st_mode) && is_photo(name)) {
                 add_photo(run, path, name, &info, made_from);
             } else if (S_ISREG(info.st_mode) && is_unread(name) &&
@@ -237,7 +226,6 @@ static bool list_photos(reconstruction *run, const char *folder, const char *bel
                 run->first_unread = format_text("%s", name);
             }
         }
-        free(target);
         free(name);
         free(path);
     }

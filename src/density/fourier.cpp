@@ -83,6 +83,8 @@ void sgsi_fourier_transform(const sgsi_fourier *plan, double *line, double *scra
     const std::size_t n = plan->length, m = plan->padded;
     complex *const x = reinterpret_cast<complex *>(line);
     complex *const a = reinterpret_cast<complex *>(scratch), *const b = a + m;
+    if (n == 1) // KissFFT's general butterfly would write to a buffer that threads share
+        return;
     if (m == n) {
         plan->forward.transform(x, a);
         for (std::size_t i = 0; i < n; ++i)

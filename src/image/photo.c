@@ -414,7 +414,7 @@ sgs_status sgsi_photo_load(const sgsi_photo_source *source, sgs_photo *photo,
 
 typedef struct light_rows {
     sgsi_light *light;
-    sgsi_image_info info;
+    int channels, left, right, top, bottom; // ends exclusive
 } light_rows;
 
 void sgsi_light_add_value(sgsi_light *light, float brightest)
@@ -427,20 +427,38 @@ void sgsi_light_add_value(sgsi_light *light, float brightest)
 
 static void light_row(void *context, int y, const float *row)
 {
-    (void)y;
     const light_rows *rows = context;
-    for (int x = 0; x < rows->info.width; ++x) {
-        const float *pixel = row + (size_t)x * (size_t)rows->info.channels;
+    if (y < rows->top || y >= rows->bottom)
+        return;
+    for (int x = rows->left; x < rows->right; ++x) {
+        const float *pixel = row + (size_t)x * (size_t)rows->channels;
         const float brightest = fmaxf(pixel[0], fmaxf(pixel[1], pixel[2]));
         sgsi_light_add_value(rows->light, brightest);
     }
 }
 
-sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *colorspace)
+// The part [begin, end) of a data window of `size` pixels at `offset` that lies in the display
+// window [0, shown).
+static void shown_range(int offset, int size, int shown, int *begin, int *end)
 {
-    light_rows rows = {.light = light};
-    const sgs_status status = sgsi_oiio_describe(path, colorspace, &rows.info);
-    return status ? status : sgsi_oiio_read_rows(path, colorspace, light_row, &rows);
+    const int64_t low = offset < 0 ? -(int64_t)offset : 0, high = (int64_t)shown - offset;
+    *begin = (int)(low < size ? low : size);
+    *end = (int)(high < size ? high : size);
+}
+
+sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *colorspace,
+                          bool display_window)
+{
+    sgsi_image_info info;
+    const sgs_status status = sgsi_oiio_describe(path, colorspace, &info);
+    if (status)
+        return status;
+    light_rows rows = {light, info.channels, 0, info.width, 0, info.height};
+    if (display_window) {
+        shown_range(info.left, info.width, info.full_width, &rows.left, &rows.right);
+        shown_range(info.top, info.height, info.full_height, &rows.top, &rows.bottom);
+    }
+    return sgsi_oiio_read_rows(path, colorspace, light_row, &rows);
 }
 
 double sgsi_light_quantile(const sgsi_light *light, double share)

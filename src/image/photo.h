@@ -58,8 +58,9 @@ typedef struct sgsi_light {
     uint64_t bins[SGSI_LIGHT_BINS];
 } sgsi_light;
 
-// Adds the pixels of a file.
-sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *colorspace);
+// Adds the pixels of a file; with `display_window`, only those in the display window.
+sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *colorspace,
+                          bool display_window);
 
 // Adds a pixel by its brightest channel.
 void sgsi_light_add_value(sgsi_light *light, float brightest);

@@ -223,9 +223,10 @@ static void add_light(void *context, size_t i, int thread)
     (void)thread;
     const light_job *job = context;
     const sgsi_scene_loader *l = job->loader;
+    const sgs_view *view = &l->scene->views[job->views[i]];
     // A file that cannot be read is reported when it is loaded.
-    (void)sgsi_light_add(&job->lights[i], l->scene->views[job->views[i]].image_path,
-                         l->options->colorspace);
+    (void)sgsi_light_add(&job->lights[i], view->image_path, l->options->colorspace,
+                         view->display_window);
 }
 
 // White point: the 99 % quantile of the light in a sample of the linear photos.

@@ -154,7 +154,7 @@ static void scaling_linear_light_changes_no_bit(void **state)
         sgsi_photo_source source = source_of(temp_path(&folder, k ? "eight.exr" : "one.exr"));
         sgsi_light *light = calloc(1, sizeof *light);
         assert_non_null(light);
-        assert_int_equal(sgsi_light_add(light, source.image_path, NULL), SGS_STATUS_OK);
+        assert_int_equal(sgsi_light_add(light, source.image_path, NULL, false), SGS_STATUS_OK);
         white[k] = source.white_point = sgsi_light_quantile(light, 0.99);
         free(light);
         photos[k] = load_photo(&source);

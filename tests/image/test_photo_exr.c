@@ -438,6 +438,38 @@ static void data_windows_are_placed_in_the_display_window(void **state)
         }
 }
 
+static int ascending(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+// Overscan is brighter than the picture, and does not count.
+static void the_white_point_is_that_of_the_display_window(void **state)
+{
+    (void)state;
+    static const window_case cases[] = {{{-4, -3, 12, 28}, false, ""}, {{3, 2, 20, 28}, false, ""}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        const int *data = cases[i].data;
+        float shown[SHOWN_WIDTH * SHOWN_HEIGHT];
+        size_t count = 0;
+        for (int y = data[1] > 0 ? data[1] : 0; y < SHOWN_HEIGHT; ++y)
+            for (int x = data[0] > 0 ? data[0] : 0; x < SHOWN_WIDTH; ++x)
+                shown[count++] = window_value(2, x, y); // the brightest channel
+        qsort(shown, count, sizeof *shown, ascending);
+        const double white = (double)shown[(size_t)ceil(0.99 * (double)count) - 1];
+        const temp_folder folder = put_window(&cases[i]);
+        sgs_scene_options options = sgs_scene_options_default();
+        options.space = SGS_SPACE_LINEAR;
+        sgs_scene *scene;
+        assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_OK);
+        // Samples are half floats, and the quantile is the upper edge of a bin.
+        assert_in_range(scene->white_point / white * 1e6, 0.999e6, 1.001e6 * exp2(1.0 / 32));
+        sgs_scene_destroy(scene);
+        tree_remove(&folder);
+    }
+}
+
 // Cameras of the data window: as made by programs that ignore the display window.
 static void cameras_of_the_data_window_keep_it(void **state)
 {
@@ -481,6 +513,7 @@ int main(void)
         cmocka_unit_test(interop_ids_name_curve_and_primaries),
         cmocka_unit_test(contradictions_and_unknown_ids_are_noted),
         cmocka_unit_test_setup(data_windows_are_placed_in_the_display_window, warnings_begin),
+        cmocka_unit_test_setup(the_white_point_is_that_of_the_display_window, warnings_begin),
         cmocka_unit_test_setup(cameras_of_the_data_window_keep_it, warnings_begin),
         cmocka_unit_test_setup(large_display_windows_are_refused, warnings_begin),
         cmocka_unit_test(the_layer_of_the_picture_is_preferred),

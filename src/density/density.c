@@ -382,18 +382,14 @@ static sgs_status report_regions(const sgsi_density_columns *columns, const spar
 static sgs_status decide(const sgsi_pipeline *pipeline, const sgsi_density_options *options,
                          sgsi_density_columns *columns, sgsi_density_result *result)
 {
-    if (options->max_count && options->size_max < INFINITY) {
+    if (pipeline->prunes_large && options->max_count && options->size_max < INFINITY) {
         const sgsi_density_result before = *result;
-        const sgsi_pipeline_state state =
-            options->state ? *options->state : (sgsi_pipeline_state){0};
         sgsi_density_options kept = *options;
         kept.size_max = INFINITY;
         const sgs_status status = pipeline->decide(&kept, columns, result);
         if (status || sgsi_growth_exceeds_cap(&kept, columns))
             return status;
         *result = before;
-        if (options->state)
-            *options->state = state;
     }
     return pipeline->decide(options, columns, result);
 }

@@ -62,6 +62,7 @@ typedef struct sgsi_pipeline {
     bool abs_grad;         // requires sums of absolute gradients
     bool fine_growth;      // scaled runs use schedule.c's settings for high-resolution images
     bool abs_grad_norm;    // the 2-norm of the sums of both axes instead of their sum
+    bool prunes_large;     // the published schedule removes large primitives
     bool relocates;        // decide fills columns->moves; opacities are never reset
     sgs_status (*decide)(const sgsi_density_options *options, sgsi_density_columns *columns,
                          sgsi_density_result *result);

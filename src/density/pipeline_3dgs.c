@@ -42,6 +42,7 @@ const sgsi_pipeline sgsi_pipeline_3dgs = {.name = "3dgs",
                                           .densify_interval = 100,
                                           .lr_opacity = 0.025f,
                                           .lr_rest = 1.25e-4f,
+                                          .prunes_large = true,
                                           .fine_growth = true,
                                           .abs_grad_norm = true,
                                           .decide = decide};

@@ -67,5 +67,6 @@ const sgsi_pipeline sgsi_pipeline_mip = {.name = "mip",
                                          .lr_opacity = 0.05f,
                                          .lr_rest = 1.25e-4f,
                                          .abs_grad = true,
+                                         .prunes_large = true,
                                          .fine_growth = true,
                                          .decide = decide};

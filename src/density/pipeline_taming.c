@@ -328,6 +328,7 @@ const sgsi_pipeline sgsi_pipeline_taming = {.name = "taming",
                                             .lr_rest = 2.5e-4f,
                                             .decide = decide,
                                             .late_opacity = late_opacity,
+                                            .prunes_large = true,
                                             .score_views = 10,
                                             .pixel_weights = pixel_weights,
                                             .score_view = score_view};

@@ -258,7 +258,8 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
         .growth = pipeline->relocates ? options->pipeline_options.mcmc_growth : 0.0,
         .reset_until = pipeline->densify_until,
         .first_reset = is_white(options) ? 500 : 0,
-        .prunes_large = !scaled || options->iterations >= SGSI_PAPER_LENGTH,
+        .prunes_large =
+            pipeline->prunes_large && (!scaled || options->iterations >= SGSI_PAPER_LENGTH),
         .prune_interval = pipeline->prune_interval ? rounded(pipeline->prune_interval * f, 1) : 0,
         .batch_rest = batch(pipeline->batch_rest, f),
         .batch_middle = batch(pipeline->batch_middle, f),

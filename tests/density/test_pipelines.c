@@ -558,7 +558,7 @@ static void dash_adds_no_more_than_its_budget(void **state)
     drop(f);
 }
 
-// At a cap, the decisions are made without the pruning by size first, then with it.
+// Pipelines that prune large primitives may decide twice at a cap. DashGaussian does not.
 static void dash_has_the_same_momentum_with_a_cap(void **state)
 {
     (void)state;

@@ -105,8 +105,9 @@ static double worst_error(const matrix6 actual, const matrix6 expected)
     return worst;
 }
 
+// Compares every `stride`-th primitive; with an odd stride these are in all lanes.
 static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed,
-                                              const float background[3])
+                                              const float background[3], size_t stride)
 {
     const oracle_range range = {0.8, 0.06, 0.3, 0.1, 0.9, 0.15};
     oracle_scene model = oracle_random_model(seed, COUNT, &range);
@@ -116,10 +117,11 @@ static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed,
     options.render = &render;
     matrix6 *actual = oracle_memory(COUNT, sizeof *actual);
     assert_int_equal(sgsi_fisher_sums(model.model, scene, &options, background, actual), 0);
-    size_t compared = 0;
-    for (size_t i = 0; i < COUNT; ++i) {
+    size_t compared = 0, differentiated = 0;
+    for (size_t i = 0; i < COUNT; i += stride) {
         matrix6 expected = {0};
         size_t jumps = 0;
+        ++differentiated;
         for (size_t v = 0; v < scene->view_count; ++v)
             if (scene->views[v].split == SGS_SPLIT_TRAIN)
                 jumps += add_differences(&model, i, &scene->views[v].camera, &scene->views[v].pose,
@@ -131,7 +133,7 @@ static void matrices_equal_finite_differences(sgs_filter filter, uint64_t seed,
             fail_msg("primitive %zu: relative error %g", i, error);
         ++compared;
     }
-    assert_true(compared >= 50);
+    assert_true(compared + (stride > 1 ? 1 : 2) >= differentiated);
     free(actual);
     sgs_scene_destroy(scene);
     oracle_scene_free(&model);
@@ -179,33 +181,33 @@ static void planted_errors_are_found(void **state)
 static void matrices_equal_finite_differences_3dgs(void **state)
 {
     (void)state;
-    matrices_equal_finite_differences(SGS_FILTER_3DGS, 31, black);
+    matrices_equal_finite_differences(SGS_FILTER_3DGS, 31, black, 1);
 }
 
 static void matrices_equal_finite_differences_none(void **state)
 {
     (void)state;
-    matrices_equal_finite_differences(SGS_FILTER_NONE, 32, black);
+    matrices_equal_finite_differences(SGS_FILTER_NONE, 32, black, 3);
 }
 
 static void matrices_equal_finite_differences_mip(void **state)
 {
     (void)state;
-    matrices_equal_finite_differences(SGS_FILTER_MIP, 33, black);
+    matrices_equal_finite_differences(SGS_FILTER_MIP, 33, black, 3);
 }
 
 static void matrices_equal_finite_differences_white(void **state)
 {
     (void)state;
     const float white[3] = {1, 1, 1};
-    matrices_equal_finite_differences(SGS_FILTER_3DGS, 34, white);
+    matrices_equal_finite_differences(SGS_FILTER_3DGS, 34, white, 3);
 }
 
 static void matrices_equal_finite_differences_blue(void **state)
 {
     (void)state;
     const float blue[3] = {0.2f, 0.4f, 0.9f};
-    matrices_equal_finite_differences(SGS_FILTER_MIP, 33, blue);
+    matrices_equal_finite_differences(SGS_FILTER_MIP, 33, blue, 3);
 }
 
 static void the_bits_depend_on_neither_threads_nor_instructions(void **state)

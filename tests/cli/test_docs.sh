@@ -121,10 +121,12 @@ check_command() {
     done
 }
 
-# run_script SCRIPT FOLDER: runs it there; every command must succeed. Training runs of 200 or 300 iterations have 60, unless
-# test_cli_parts_long runs them.
+# run_script SCRIPT FOLDER: runs it there; every command must succeed. Unless test_cli_parts_long runs them, training runs of
+# 30 to 300 iterations have 10 at a fourth of the size, or 60 where the next commands need a structural update or opaque
+# images, and measurements are not repeated.
 run_script() {
-    local shorter='s/(--iterations )[23]00\b/\160/'
+    local shorter='/--opaque|out\/spare /{s/(--iterations )300\b/\160/;b}; s/(--(iterations|finetune) )([123]00|[36]0)\b/\110/
+        s/(sparegs train .*--downscale )2\b/\14/; s/(--repeat )3\b/\11/'
     if is_long; then shorter=; fi
     {
         echo 'set -euo pipefail'

@@ -58,7 +58,7 @@ check its_state_is_saved test -s "$out/checkpoint/state.bin"
 # a_run_that_is_stopped_while_it_is_evaluated_is_not_complete (resuming it evaluates the same model)
 for every in 1000 0; do
     rm -rf "$out"
-    start "$room" --threads 1 --iterations 2 -o "$out" --checkpoint-every $every
+    start "$room" --downscale 2 --threads 1 --iterations 2 -o "$out" --checkpoint-every $every
     for _ in $(seq 1000); do
         if [ -e "$out/checkpoint/state.bin" ]; then break; fi
         sleep 0.02
@@ -67,7 +67,7 @@ for every in 1000 0; do
     finish_with 143
     json "$out/summary.json" '.stop_reason == "signal" and .stop_text == "stopped by a signal" and .iterations == 2 and .train.psnr == null'
     hash=$(jq .model_hash "$out/summary.json")
-    run 0 train "$room" --threads 1 --iterations 2 -o "$out" --resume --checkpoint-every $every
+    run 0 train "$room" --downscale 2 --threads 1 --iterations 2 -o "$out" --resume --checkpoint-every $every
     json "$out/summary.json" ".stop_reason == \"schedule\" and .model_hash == $hash and .train.images == 35"
 done
 
@@ -84,14 +84,14 @@ run 0 train "${data[@]}" -o "$out" --iterations 2 --overwrite
 # iteration, at a change of the image size, and for the scores of an update)
 scene=$temporary/scene
 cp -r "$room" "$scene"
-iterations=250 # the photos are gone long before the end
+iterations=190 # the photos are gone long before the end
 pipelines=(3dgs fastgs)
 if is_long; then pipelines+=(dash); fi
 for pipeline in "${pipelines[@]}"; do
-    vanishing=("$scene" -o "$out" --downscale 8 --threads 2 --iterations $iterations --pipeline "$pipeline" --spare off --checkpoint-every 0
-        --image-cache 1)
+    vanishing=("$scene" -o "$out" --downscale 8 --threads 2 --iterations $iterations --pipeline "$pipeline" --spare off --checkpoint-every 0)
     rm -rf "$out"
-    run 0 train "${vanishing[@]}"
+    run 0 train "${vanishing[@]}" # reads each photo once
+    vanishing+=(--image-cache 1)
     expected=$(jq -r .model_hash "$out/summary.json")
     rm -rf "$out"
     start "${vanishing[@]}"
@@ -159,8 +159,8 @@ check there_is_no_other_file test "$(find "$temporary/drawn" -type f)" = "$tempo
 # a_closed_stderr_does_not_end_the_run
 rm -rf "$out"
 last_command="sparegs train | head -1"
-{ "$program" train "${data[@]}" -o "$out" --iterations 150 --spare off 2>&1 >"$temporary/stdout" || true; } | head -1 >/dev/null
-json "$out/summary.json" '.iterations == 150'
+{ "$program" train "${data[@]}" -o "$out" --iterations 101 --spare off 2>&1 >"$temporary/stdout" || true; } | head -1 >/dev/null
+json "$out/summary.json" '.iterations == 101' # a line was due at 100
 
 # the_time_limit_ends_with_a_resumable_state (with a sanitizer the limit is longer, because loading takes seconds)
 for limit in 3s 12s 48s; do
@@ -174,7 +174,7 @@ json "$out/summary.json" '.stop_reason == "time_limit" and .stop_text == "stoppe
 reports "continue with --resume"
 check the_state_is_saved test -s "$out/checkpoint/state.bin"
 at=$(jq .iterations "$out/summary.json")
-run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --resume --time-limit "$((2 * ${limit%s}))s"
+run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --resume --time-limit "$((${limit%s} + 1))s"
 reports "resuming at iteration $at"
 run 0 train "${data[@]}" -o "$temporary/short" --iterations 1 --quiet --time-limit 1d3h55m1.5s
 run 1 train "$temporary" -o "$temporary/none" --time-limit 2d12h # accepted; there is no scene
@@ -223,18 +223,18 @@ reports "--sh-degree was not recorded"
 
 # a_run_that_ended_in_equilibrium_continues_with_other_tolerances
 rm -rf "$out"
-still=(-o "$out" --iterations 400 --spare-interval 300)
+still=(-o "$out" --iterations 150 --spare-interval 300 --spare-patience 1)
 run 0 train "${data[@]}" "${still[@]}" --spare-eps-loss 1 --spare-eps-count 1
-json "$out/summary.json" '.stop_reason == "equilibrium" and .iterations < 400'
+json "$out/summary.json" '.stop_reason == "equilibrium" and .iterations < 150'
 at=$(jq .iterations "$out/summary.json")
 hash=$(jq .model_hash "$out/summary.json")
 run 0 train "${data[@]}" "${still[@]}" --spare-eps-loss 1 --spare-eps-count 1 --resume
-reports "the run ended in equilibrium at iteration $at of 400; to continue it, change --spare-eps-loss"
+reports "the run ended in equilibrium at iteration $at of 150; to continue it, change --spare-eps-loss"
 check the_model_stays test "$(jq .model_hash "$out/summary.json")" = "$hash"
-# --spare-interval was 300; without edt it is neither read nor compared
-run 0 train "${data[@]}" -o "$out" --iterations 400 --spare bmd,rap --resume
+# --spare-interval was 300, --spare-patience 1; without edt they are neither read nor compared
+run 0 train "${data[@]}" -o "$out" --iterations 150 --spare bmd,rap --resume
 reports "--spare was bmd,rap,edt and is bmd,rap from iteration $((at + 1)) on"
-json "$out/summary.json" '.stop_reason == "schedule" and .iterations == 400'
+json "$out/summary.json" '.stop_reason == "schedule" and .iterations == 150'
 
 # leftovers_of_a_killed_run_are_removed, other files stay, and all stay if the run is refused
 cloud=$(dirname "$(find "$out/point_cloud" -name point_cloud.ply -print -quit)")

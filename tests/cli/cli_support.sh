@@ -82,6 +82,8 @@ ranks() {
 }
 # one_voice: one rank has printed one message; other lines are those of mpirun.
 one_voice() { check one_line_of_sparegs test "$(grep -c '^sparegs: ' "$temporary/stderr")" = 1; }
+# exr_size FILE: of its display window, which begins at 0.
+exr_size() { exrheader "$1" | sed -n 's/^displayWindow .*: (0 0) - (\([0-9]*\) \([0-9]*\))$/\1 \2/p' | awk '{ print $1 + 1 "x" $2 + 1 }'; }
 prints() { check "stdout_has: $1" grep -qF -- "$1" "$temporary/stdout"; }
 one_line() { check one_line_of_error test "$(grep -c '^sparegs: ' "$temporary/stderr")" = "$(wc -l <"$temporary/stderr")" -a \
     "$(wc -l <"$temporary/stderr")" = 1; }

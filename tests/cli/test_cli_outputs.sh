@@ -6,8 +6,6 @@
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 model=$temporary/model
-# exr_size FILE: of its display window, which begins at 0.
-exr_size() { exrheader "$1" | sed -n 's/^displayWindow .*: (0 0) - (\([0-9]*\) \([0-9]*\))$/\1 \2/p' | awk '{ print $1 + 1 "x" $2 + 1 }'; }
 run 0 train "$room" -o "$model" --downscale 4 --eval --iterations 40 --spare off --quiet
 
 # eval_agrees_with_the_training_summary

@@ -22,7 +22,7 @@ ranks_seconds=300
 hash_of() { jq -r .model_hash "$temporary/$1/summary.json"; }
 same_hash() { check "same_hash: $1 $2" test "$(hash_of "$1")" = "$(hash_of "$2")"; }
 
-common=("$room" --downscale 4 --eval --iterations 120 --threads 1 --quiet)
+common=("$room" --downscale 4 --eval --iterations 90 --threads 1 --quiet)
 
 # ---- Memory: the ranks of a machine share it ----
 mkdir "$temporary/empty"
@@ -71,10 +71,10 @@ fi
 if [ "${#launcher[@]}" -gt 1 ] && [ "$(nproc)" -gt 1 ]; then
     shared=("${launcher[@]}")
     launcher=(mpirun --oversubscribe --bind-to core)
-    ranks 0 2 train "$room" --downscale 8 --iterations 5 --threads 2 --quiet -o "$temporary/bound"
+    ranks 0 2 train "$room" --downscale 16 --iterations 1 --threads 2 --quiet -o "$temporary/bound"
     check one_line test "$(grep -c 'each rank may use 1 of .* and has 2 threads; start mpirun with' "$temporary/stderr")" = 1
     launcher=("${shared[@]}")
-    ranks 0 2 train "$room" --downscale 8 --iterations 5 --threads 2 --quiet -o "$temporary/unbound"
+    ranks 0 2 train "$room" --downscale 16 --iterations 1 --threads 2 --quiet -o "$temporary/unbound"
     check no_line test "$(grep -c 'each rank may use' "$temporary/stderr")" = 0
 fi
 
@@ -143,13 +143,22 @@ check the_log_has_the_reason grep -q "more than --max-memory" "$log"
 check only_the_failed_run_has_a_log test ! -e "$temporary/failing/runs/room/3dgs/first/seed_0/log.txt"
 
 # ---- Resuming on another number of ranks, and without MPI ----
-run 0 train "${common[@]}" -o "$temporary/whole"
-ranks 0 3 train "${common[@]}" --checkpoint-every 50 -o "$temporary/part"
-# As if it had been killed after the checkpoint of iteration 100.
+# Rank 0 cannot create the folder of the model, where a dangling link is: the others wait for it, the checkpoint is whole.
+mkdir -p "$temporary/obstructed/point_cloud"
+ln -s nowhere/else "$temporary/obstructed/point_cloud/iteration_90"
+ranks 1 3 train "${common[@]}" --exposure --checkpoint-every 40 -o "$temporary/obstructed"
+one_voice
+reports "obstructed/point_cloud/iteration_90: cannot be created: No such file or directory; choose another folder, or check the permissions"
+rm "$temporary/obstructed/point_cloud/iteration_90"
+cp -r "$temporary/obstructed" "$temporary/part"
+ranks 0 2 train "${common[@]}" --exposure --checkpoint-every 40 --resume -o "$temporary/obstructed"
+same_hash one obstructed
+check same_model cmp "$temporary"/{one,obstructed}/point_cloud/iteration_90/point_cloud.ply
+# As if it had been killed after the checkpoint of iteration 80.
 mv "$temporary/part/checkpoint/state.previous.bin" "$temporary/part/checkpoint/state.bin"
-rm "$temporary/part/summary.json"
-ranks 0 2 train "$room" --quiet --resume --checkpoint-every 50 -o "$temporary/part" # options: those of the run
-same_hash whole part
+ranks 0 2 train "$room" --resume --checkpoint-every 40 -o "$temporary/part" # options: those of the run
+reports "resuming at iteration 80"
+same_hash one part
 
 # A rank is killed: the launcher ends the job; the checkpoint is whole.
 status=0
@@ -183,7 +192,7 @@ check stopped_by_the_signal test "$status" = 143
 check continued test "$(jq .iterations "$temporary/killed/summary.json")" -gt 20
 
 # USR2 ends all ranks in the same iteration and saves.
-timeout 300 "${launcher[@]}" -n 2 "$program" train "${common[@]}" --iterations 100000 -o "$temporary/usr2" \
+timeout 300 "${launcher[@]}" -n 2 "$program" train "${common[@]}" --downscale 8 --iterations 100000 -o "$temporary/usr2" \
     >"$temporary/stdout" 2>"$temporary/stderr" &
 job=$!
 for ((i = 0; i < 600; ++i)); do
@@ -215,10 +224,11 @@ json "$temporary/viewed/summary.json" '.stop_reason == "signal" and .ranks == 2'
 # A full disk on rank 0, here a limit on the size of files: later checkpoints are too large. The others continue, only rank 0
 # reports it, and the run continues from the checkpoint before.
 if is_long; then
-    check the_model_grows test -s "$temporary/whole/checkpoint/state.bin"
+    run 0 train "${common[@]}" --iterations 200 -o "$temporary/long"
+    check the_model_grows test -s "$temporary/long/checkpoint/state.bin"
     cat >"$temporary/full" <<EOF
 #!/usr/bin/env bash
-if $on_rank_0; then ulimit -f $(($(stat -c %s "$temporary/whole/checkpoint/state.bin") * 3 / 4 / 1024)); fi
+if $on_rank_0; then ulimit -f $(($(stat -c %s "$temporary/long/checkpoint/state.bin") * 3 / 4 / 1024)); fi
 exec "$program" "\$@"
 EOF
     chmod +x "$temporary/full"
@@ -235,19 +245,8 @@ EOF
     check an_earlier_checkpoint_is_kept test -s "$temporary/disk/checkpoint/state.bin"
     check no_temporary_file_is_left test -z "$(find "$temporary/disk" -name '*.tmp*')"
     ranks 0 2 train "${common[@]}" --iterations 200 --resume --checkpoint-every 20 -o "$temporary/disk"
-    same_hash whole disk
+    same_hash long disk
 fi
-
-# Rank 0 cannot create the folder of the model, where a dangling link is: the others wait for it, the checkpoint is whole.
-mkdir -p "$temporary/obstructed/point_cloud"
-ln -s nowhere/else "$temporary/obstructed/point_cloud/iteration_120"
-ranks 1 2 train "${common[@]}" --exposure -o "$temporary/obstructed"
-one_voice
-reports "obstructed/point_cloud/iteration_120: cannot be created: No such file or directory; choose another folder, or check the permissions"
-rm "$temporary/obstructed/point_cloud/iteration_120"
-ranks 0 3 train "${common[@]}" --exposure --resume -o "$temporary/obstructed"
-same_hash one obstructed
-check same_model cmp "$temporary"/{one,obstructed}/point_cloud/iteration_120/point_cloud.ply
 
 # ---- Refused ----
 cat >"$temporary/differs" <<EOF
@@ -294,7 +293,7 @@ cat >"$temporary/differs" <<EOF
 $on_rank_1 && exec "$real" train "$temporary/other" "\$@"
 exec "$real" train "$room" "\$@"
 EOF
-ranks 1 2 --downscale 4 --iterations 120 --quiet -o "$temporary/refused"
+ranks 1 2 --downscale 4 --iterations 90 --quiet -o "$temporary/refused"
 reports "photo $(basename "$photo") is "
 one_voice
 # Held-out images are scored on one rank each: another photo, or none, is found before the training.
@@ -302,7 +301,7 @@ rm -r "$temporary/other"
 cp -r "$room" "$temporary/other"
 photo=$(find "$temporary/other/images" -name '*.jpg' | sort | head -1) # the first image is held out
 cp "$(find "$temporary/other/images" -name '*.jpg' | sort | tail -1)" "$photo"
-ranks 1 2 --downscale 4 --eval --iterations 120 --quiet -o "$temporary/refused"
+ranks 1 2 --downscale 4 --eval --iterations 90 --quiet -o "$temporary/refused"
 reports "photo $(basename "$photo") is "
 one_voice
 # The last of 33 images is held out, too.
@@ -312,7 +311,7 @@ find "$temporary/some_images/images" -name '*.jpg' | sort | tail -2 | xargs rm
 cp -r "$temporary/some_images" "$temporary/other"
 find "$temporary/other/images" -name '*.jpg' | sort | tail -1 | xargs rm
 sed -i "s|train \"$room\"|train \"$temporary/some_images\"|" "$temporary/differs"
-ranks 1 2 --downscale 4 --eval --iterations 120 --quiet -o "$temporary/refused"
+ranks 1 2 --downscale 4 --eval --iterations 90 --quiet -o "$temporary/refused"
 reports "number of held-out views is 4, but 5 on rank 0"
 check nothing_written test ! -e "$temporary/refused"
 "$SPAREGS_BUILD/tests/test_lpips" alex "$temporary/alex.bin"

@@ -12,8 +12,11 @@ small=(--downscale 16 --quiet)
 run 0 train "$scene" -o "$model" "${small[@]}" --eval --iterations 5
 ply=$model/point_cloud/iteration_5/point_cloud.ply
 mkdir -p "$temporary/pngs/images" "$temporary/pngs/masks"
-for view in 0001 0002 0009; do oiiotool "$room/images/$view.jpg" --resize 60x34 -o "$temporary/pngs/images/$view.png"; done
-for view in 0001 0002 0009; do oiiotool --pattern constant:color=1 60x34 1 -d uint8 -o "$temporary/pngs/masks/$view.png"; done
+oiiotool --pattern constant:color=1 60x34 1 -d uint8 -o "$temporary/pngs/masks/0001.png" \
+    "$room/images/0001.jpg" --resize 60x34 -o "$temporary/pngs/images/0001.png" \
+    "$room/images/0002.jpg" --resize 60x34 -o "$temporary/pngs/images/0002.png" \
+    "$room/images/0009.jpg" --resize 60x34 -o "$temporary/pngs/images/0009.png"
+for view in 0002 0009; do cp "$temporary/pngs/masks/0001.png" "$temporary/pngs/masks/$view.png"; done
 printf 'ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n0 0 -3 9 9 9\n' \
     >"$temporary/pngs/cloud.ply"
 jq -n '{fl_x: 40, ply_file_path: "cloud.ply", frames: [("0001", "0002", "0009") as $name |
@@ -220,7 +223,7 @@ changes=(emptied)
 if is_long; then changes+=(moved removed); fi
 for change in "${changes[@]}"; do
     out=$temporary/$change
-    "$program" train "$scene" -o "$out" "${moving[@]}" --save-at 300 >"$temporary/stdout" 2>"$temporary/stderr" &
+    "$program" train "$scene" -o "$out" "${moving[@]}" --save-at 150 >"$temporary/stdout" 2>"$temporary/stderr" &
     training=$!
     last_command="train with $out $change"
     check the_run_has_begun wait_for_row "$out" 100 $training
@@ -230,14 +233,14 @@ for change in "${changes[@]}"; do
     removed) rm -r "$out" ;;
     emptied) rm -r "${out:?}"/* ;; # but .lock
     esac
-    check the_run_goes_on wait_for_row "$out" 400 $training
+    check the_run_goes_on wait_for_row "$out" 200 $training
     if kill -TERM $training; then :; fi
     status=0; wait $training || status=$?
     check stopped_by_the_signal test $status = 143
     check one_warning test "$(grep -c "warning: $out: was moved or removed during the training; it is created again" "$temporary/stderr")" = 1
     for name in config.json cameras.json input.ply; do check "$name is there again" cmp "$temporary/$name" "$out/$name"; done
     check the_folder_is_locked_again test -e "$out/.lock"
-    check the_saved_model_is_there test -s "$out/point_cloud/iteration_300/point_cloud.ply"
+    check the_saved_model_is_there test -s "$out/point_cloud/iteration_150/point_cloud.ply"
     run 0 eval "$out" "$scene" --test-images 0001.jpg --quiet
 done
 if is_long; then
@@ -247,10 +250,10 @@ if is_long; then
 fi
 
 # a_run_in_the_place_of_another_is_not_written_to
-moving[3]=600
+moving[3]=300
 out=$temporary/place
 cp -r "$model" "$temporary/other"
-"$program" train "$scene" -o "$out" "${moving[@]}" --save-at 300 >"$temporary/stdout" 2>"$temporary/stderr" &
+"$program" train "$scene" -o "$out" "${moving[@]}" --save-at 150 >"$temporary/stdout" 2>"$temporary/stderr" &
 training=$!
 last_command="train with $out replaced"
 check the_run_has_begun wait_for_row "$out" 100 $training

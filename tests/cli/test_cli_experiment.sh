@@ -15,7 +15,7 @@ plan() { # SCENE PIPELINES OPTIONS
 {"title": "Small", "scenes": [{"name": "room", "path": "$1"}], "pipelines": $2,
  "variants": [{"name": "off", "options": {"spare": "off"}}, {"name": "on"},
               {"name": "tau-0.2", "pipelines": ["3dgs"], "options": {"spare_tau_alpha": 0.2}}],
- "options": {"iterations": 70, "downscale": 8, "eval": true, "threads": 1 $3}}
+ "options": {"iterations": 50, "downscale": 8, "eval": true, "threads": 1 $3}}
 PLAN
 }
 
@@ -176,14 +176,14 @@ exec 9>&-
 
 # Another plan in the same folder is refused before the first run, unless the difference does not affect results.
 cp "$folder/plan.json" "$folder/same.json"
-sed -i 's/"iterations": 70/"iterations": 71/' "$folder/plan.json"
+sed -i 's/"iterations": 50/"iterations": 51/' "$folder/plan.json"
 if "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error"; then echo "FAIL: took the runs of another plan"; exit 1; fi
-grep -q "seed_0: was trained with iterations 70, but the plan has 71" "$folder/error" || { cat "$folder/error"; exit 1; }
-sed 's/"iterations": 70/"iterations": 70, "save-at": 10/' "$folder/same.json" >"$folder/plan.json"
+grep -q "seed_0: was trained with iterations 50, but the plan has 51" "$folder/error" || { cat "$folder/error"; exit 1; }
+sed 's/"iterations": 50/"iterations": 50, "save-at": 10/' "$folder/same.json" >"$folder/plan.json"
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --quiet --json | jq '.runs | length')" = 5 ]
 [ "$("$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" --check --json | jq '.runs | length')" = 5 ]
 # So is a plan that another experiment begins in the folder after the check at the start: here during the first run.
-jq '.options.iterations = 300 | .pipelines = ["3dgs"] | .variants = [{name: "first"}, {name: "second"}] | del(.options.trace)' \
+jq '.options.iterations = 100 | .pipelines = ["3dgs"] | .variants = [{name: "first"}, {name: "second"}] | del(.options.trace)' \
     "$folder/same.json" >"$folder/pair.json"
 mkdir -p "$folder/pair/runs/room/3dgs/second/seed_0"
 "$SPAREGS_PROGRAM" experiment "$folder/pair.json" -o "$folder/pair" 2>"$folder/error" &
@@ -300,7 +300,7 @@ if "$SPAREGS_PROGRAM" explain "$folder" 2>/dev/null; then echo "FAIL: explained 
 
 # A signal to the experiment, or its death, ends the training that it started, with the state saved.
 plan "$room" '["3dgs"]' ', "iterations": 200000'
-sed -i 's/"iterations": 70, //' "$folder/plan.json"
+sed -i 's/"iterations": 50, //' "$folder/plan.json"
 training=$folder/ended/runs/room/3dgs/off/seed_0
 for signal in TERM KILL BOTH; do
     "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/ended" --quiet &

@@ -7,9 +7,9 @@
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 model=$temporary/model
-run 0 train "$room" -o "$model" --downscale 4 --iterations 120 --spare off --quiet
+run 0 train "$room" -o "$model" --downscale 8 --iterations 100 --spare off --quiet
 input=$(jq .gaussians "$model/summary.json")
-psnr() { "$program" eval "$1" "$room" --downscale 4 --split train --json 2>/dev/null | jq .mean.psnr; }
+psnr() { "$program" eval "$1" "$room" --downscale 8 --split train --json 2>/dev/null | jq .mean.psnr; }
 above() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a > b) }'; }
 
 # several_ratios_make_a_folder (the number of primitives is exact)

@@ -11,7 +11,7 @@ plan=$temporary/plan.json out=$temporary/out
 write_plan() { # POST
     cat >"$plan" <<PLAN
 {"title": "Post", "scenes": [{"name": "room", "path": "$room"}], "pipelines": ["3dgs"],
- "options": {"iterations": 90, "downscale": 8, "eval": true, "threads": 2}, "post": $1}
+ "options": {"iterations": 50, "downscale": 8, "eval": true, "threads": 2}, "post": $1}
 PLAN
 }
 refused() { # MESSAGE POST
@@ -55,7 +55,7 @@ refused "post: name: a/b: use letters" '[{"prune": {"method": "refine"}, "name":
 
 # all_points_of_all_steps_have_results
 steps='[{"prune": {"method": "refine"}}, {"prune": {"method": "pup", "ratio": [0.2, 0.6], "fisher_downscale": 2}, "name": "pup", "variants": ["on"]},
-        {"compress": {"method": "ghap", "finetune": 40}}]'
+        {"compress": {"method": "ghap", "finetune": 10}}]'
 write_plan '[{"compress": {"method": "ghap", "keep": 0.5, "preset": "spare-1"}}, {"compress": {"method": "mesongs", "vq_steps": 9}}]'
 run 0 experiment "$plan" --check
 write_plan "$steps"

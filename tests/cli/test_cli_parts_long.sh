@@ -3,7 +3,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # Tests with all their parts (is_long): stopped runs of more pipelines, errors of bench, the time limits of the viewer,
-# all differences between ranks, all formats of models, more memory limits, slow examples.
+# all differences between ranks, all formats of models, more memory limits, slow examples, golden numbers of all pipelines
+# with all instruction sets.
 set -eu
 export SPAREGS_LONG=1
 failed=0
@@ -13,4 +14,6 @@ for name in test_cli_stop test_cli_bench test_cli_view test_cli_view_train test_
     bash "$SPAREGS_SOURCE/tests/cli/$name.sh" || status=$?
     [ "$status" = 0 ] || [ "$status" = 77 ] || failed=1
 done
+echo "== test_golden"
+"$SPAREGS_BUILD/tests/test_golden" || failed=1
 exit "$failed"

@@ -31,12 +31,10 @@ for image in 0001 0009 0017 0025 0033; do
         "! '$SPAREGS_BUILD/tests/test_flip' '$temporary/saved/$image.png' '$temporary/saved/${image}_photo.png' '$temporary/saved/0001_photo.png'"
 done
 # sharpness_agrees_with_another_program
-energy() { # FILE: mean square of the Laplacian of its luma, without the border
-    oiiotool "$1" -d float --chsum:weight=0.299,0.587,0.114 --laplacian --cut "$(($2 - 2))x$(($3 - 2))+1+1" --dup --mul --printstats |
-        awk '/Stats Avg/ { print $3 }'
-}
-read -r width height < <(oiiotool --info "$temporary/saved/0001.png" | sed -E 's/.* : +([0-9]+) x +([0-9]+),.*/\1 \2/')
-other=$(awk "BEGIN { print $(energy "$temporary/saved/0001.png" "$width" "$height") / $(energy "$temporary/saved/0001_photo.png" "$width" "$height") }")
+# Mean squares of the Laplacian of the lumas, without the border.
+laplacian=(-d float --chsum:weight=0.299,0.587,0.114 --laplacian --cut "{TOP.width-2}x{TOP.height-2}+1+1" --dup --mul --printstats)
+other=$(oiiotool "$temporary/saved/0001.png" "${laplacian[@]}" "$temporary/saved/0001_photo.png" "${laplacian[@]}" |
+    awk '/Stats Avg/ { mean[++n] = $3 } END { if (n == 2) print mean[1] / mean[2] }')
 check "sharpness is $other" equal "$(figure 0001.jpg sharpness)" "$other" 1e-3
 
 # the_means_are_those_of_the_images_and_of_the_summary
@@ -111,21 +109,23 @@ for kind in whole painted flat; do
     cp -r "$room" "$temporary/$kind"
 done
 mkdir "$temporary/masks"
+drawn=() # by one call, because starting oiiotool takes longer than its work
 for image in 0001 0009; do
-    oiiotool "$room/images/$image.jpg" -o "$temporary/$image.png"
-    oiiotool "$temporary/$image.png" --fill:color=1,0,1 200x100+120+80 -o "$temporary/painted.png"
-    oiiotool --create 480x270 1 --fill:color=1 480x270+0+0 --fill:color=0 200x100+120+80 -o "$temporary/masks/$image.png"
-    cp "$temporary/$image.png" "$temporary/whole/images/$image.jpg" # lossless; read by content
-    cp "$temporary/painted.png" "$temporary/painted/images/$image.jpg"
+    drawn+=("$room/images/$image.jpg" -o "$temporary/$image.png" --fill:color=1,0,1 200x100+120+80 -o "$temporary/painted_$image.png"
+        --create 480x270 1 --fill:color=1 480x270+0+0 --fill:color=0 200x100+120+80 -o "$temporary/masks/$image.png")
 done
-oiiotool --create 480x270 3 --fill:color=0.5,0.5,0.5 480x270+0+0 --quality 100 -o "$temporary/flat/images/0009.jpg"
+oiiotool "${drawn[@]}" --create 480x270 3 --fill:color=0.5,0.5,0.5 480x270+0+0 --quality 100 -o "$temporary/flat/images/0009.jpg"
+for image in 0001 0009; do # lossless; read by content
+    cp "$temporary/$image.png" "$temporary/whole/images/$image.jpg"
+    cp "$temporary/painted_$image.png" "$temporary/painted/images/$image.jpg"
+done
 for kind in whole painted; do
     run 0 eval "$model" "$temporary/$kind" --masks "$temporary/masks" --test-images 0001.jpg,0009.jpg --json --save "$temporary/masked_$kind"
     jq -c '[.images[] | [.psnr, .ssim, .flip, .sharpness]]' "$temporary/stdout" >"$temporary/$kind.json"
 done
 check masked_pixels_have_no_error cmp "$temporary/masked_whole/0001_flip.png" "$temporary/masked_painted/0001_flip.png"
-oiiotool "$temporary/masked_painted/0001_flip.png" --cut 40x20+35+22 -o "$temporary/crop.png"
-check masked_pixels_are_black bash -c "oiiotool --stats '$temporary/crop.png' | grep -qE 'Stats Max: 0 [01] [345] '"
+check masked_pixels_are_black bash -c "oiiotool '$temporary/masked_painted/0001_flip.png' --cut 40x20+35+22 --mulc 255 --printstats |
+    awk '/Stats Max/ { found = \$3 < 0.5 && \$4 < 1.5 && \$5 > 2.5 && \$5 < 5.5 } END { exit !found }'"
 check masked_pixels_have_no_influence cmp "$temporary/whole.json" "$temporary/painted.json"
 run 0 eval "$model" "$temporary/painted" --test-images 0001.jpg,0009.jpg --masks none --json
 json "$temporary/stdout" ".images[0].flip > $(jq '.[0][2]' "$temporary/whole.json")"

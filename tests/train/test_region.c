@@ -22,7 +22,8 @@
 #include "support/trainer_support.h"
 #include "train/trainer_state.h"
 
-enum { ROW = SGS_PARAM_COUNT * sizeof(float), LENGTH = 120 };
+// The 3D filter is computed again in iteration 100.
+enum { ROW = SGS_PARAM_COUNT * sizeof(float), LENGTH = 101 };
 
 static sgs_scene *scene;
 static sgs_gaussians *start; // a short training of the whole scene
@@ -219,18 +220,18 @@ static void a_resumed_region_has_the_same_bits(void **state)
         sgs_train_options options = options_of(pipeline);
         options.max_gaussians = 100000;
         sgs_trainer *trainer = trainer_create(scene, &options);
-        trainer_run(trainer, 67);
+        trainer_run(trainer, 57);
         const char *path = temp_path(&folder, "region");
         assert_int_equal(sgs_trainer_save_checkpoint(trainer, path), SGS_STATUS_OK);
         sgs_threads_set(3);
-        trainer_run(trainer, LENGTH - 67);
+        trainer_run(trainer, LENGTH - 57);
         sgs_threads_set(0);
         sgs_gaussians_hash(sgs_trainer_model(trainer), straight);
         sgs_trainer_destroy(trainer);
         trainer = trainer_create(scene, &options);
         if (sgs_trainer_load_checkpoint(trainer, path))
             fail_msg("%s", sgs_last_error());
-        trainer_run(trainer, LENGTH - 67);
+        trainer_run(trainer, LENGTH - 57);
         sgs_gaussians_hash(sgs_trainer_model(trainer), resumed);
         assert_string_equal(straight, resumed);
         sgs_trainer_destroy(trainer);
@@ -254,7 +255,7 @@ static void a_region_trains_all_sh_bands_from_the_first_iteration(void **state)
             options.region = sgs_box_infinite();
         sgs_trainer *trainer = trainer_create(scene, &options);
         assert_true((trainer->fixed == 0) == (k > 0));
-        assert_int_equal(sgs_trainer_milestones(trainer).sh_interval, k < 2 ? 0 : 4);
+        assert_int_equal(sgs_trainer_milestones(trainer).sh_interval, k < 2 ? 0 : 3);
         trainer_run(trainer, 1);
         size_t stepped = 0; // rows whose last band has a gradient
         for (size_t i = 0; i < trainer->model->count; ++i)

@@ -9,7 +9,7 @@ set -euo pipefail
 scene=$temporary/scene
 cp -r "$room" "$scene"
 out=$temporary/out
-data=("$scene" --downscale 8 --threads 2 --quiet)
+data=("$scene" --downscale 16 --threads 2 --quiet)
 names() { jq -r '.images[].name' "$temporary/stdout" | sort | tr '\n' ' '; }
 files() { (cd "$1" && find . -path ./previous -prune -o -type f ! -path ./.lock -print | LC_ALL=C sort | xargs md5sum); }
 
@@ -42,7 +42,7 @@ run 0 train "${data[@]}" -o "$out" --eval --iterations 12 --resume
 
 # the_milestones_are_recorded
 milestones() { # FILTER TRAIN-OPTION...
-    run 0 train "${data[@]}" -o "$temporary/milestones" --overwrite --iterations 2 "${@:2}"
+    run 0 train "$scene" --downscale 8 --threads 2 --quiet -o "$temporary/milestones" --overwrite --iterations 2 "${@:2}"
     json "$temporary/milestones/config.json" ".milestones | $1"
 }
 milestones '.reset_interval == 0 and .gradient_factor == 1.7 and .shape_factor == 2 and .sh_factor == 2 and .ssim_weight == 0.2 and .optimizer == "sparse"'

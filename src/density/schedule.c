@@ -8,8 +8,12 @@
 // whole run.
 //
 // Scaled to N iterations, f = N / 30 000: densification until N/2 (dash 0.9 N), one SH band per
-// N/30, checks for equilibrium every spare_interval * f, position rate decaying over N. The rules
-// for N < 30 000 below are chosen by measurement; tools/experiments/schedules.md has the figures.
+// N/30, checks for equilibrium every spare_interval * f, position rate decaying over N. No
+// primitive is removed for its size: the published rule removes those larger than a tenth of the
+// extent in each update after the first reset, which makes holes in walls and floors.
+//
+// The rules for N < 30 000 below and that for large primitives are chosen by measurement;
+// tools/experiments/schedules.md has the figures.
 // - Structural updates: 10 up to N = 7000, at least 20 iterations apart; growing as a power of N to
 //   the published number at 30 000.
 // - Gradient threshold: 1.7 times the published one up to N = 7000, decreasing to 1 at 30 000. At
@@ -23,9 +27,6 @@
 //   On high-resolution images, updates of 3dgs and mip go on until the rates decay, but only remove
 //   faint and redundant primitives, mostly those that this limit kept. FastGS has its own final
 //   prunes.
-// - No primitive is removed for its size. The published rule removes those larger than a tenth of
-//   the extent in each update after the first reset, which makes holes in walls and floors; the
-//   fewer updates of a scaled run do not fill them.
 // - Opacity resets: every 3000 iterations, as published, rounded to updates. After the last one a
 //   third of the densification remains, or 1500 iterations if that is less: opacities require some
 //   hundred visits to recover from 0.01, and the loss takes as long to settle. Their number follows
@@ -258,8 +259,7 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
         .growth = pipeline->relocates ? options->pipeline_options.mcmc_growth : 0.0,
         .reset_until = pipeline->densify_until,
         .first_reset = is_white(options) ? 500 : 0,
-        .prunes_large =
-            pipeline->prunes_large && (!scaled || options->iterations >= SGSI_PAPER_LENGTH),
+        .prunes_large = !scaled && pipeline->prunes_large,
         .prune_interval = pipeline->prune_interval ? rounded(pipeline->prune_interval * f, 1) : 0,
         .batch_rest = batch(pipeline->batch_rest, f),
         .batch_middle = batch(pipeline->batch_middle, f),

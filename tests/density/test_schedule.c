@@ -68,15 +68,15 @@ static void published_schedule_has_144_updates_and_4_resets(void **state)
     }
 }
 
-// last_reset as in the trainer: an update precedes the reset of the same iteration. Scaled runs
-// below the published length do not prune by size.
+// last_reset as in the trainer: an update precedes the reset of the same iteration. Scaled runs do
+// not prune by size.
 static void size_pruning_follows_the_published_rule(void **state)
 {
     (void)state;
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
         for (int white = 0; white < 2; ++white)
             for (int length = 0; length < 4; ++length) {
-                const int n = (int[]){7000, 15000, 29999, 30000}[length];
+                const int n = (int[]){7000, 15000, 30000, 60000}[length];
                 sgs_train_options options = sgs_train_options_default();
                 options.iterations = n;
                 options.pipeline = (sgs_pipeline)pipeline;
@@ -88,11 +88,11 @@ static void size_pruning_follows_the_published_rule(void **state)
                     int last_reset = -1, resets = 0;
                     for (int t = 1; t <= n; ++t) {
                         const bool prunes = sgsi_schedule_prunes_large(&schedule, t, last_reset);
-                        if (sgsi_schedule_is_structural(&schedule, t) && (paper || n == 30000))
+                        if (sgsi_schedule_is_structural(&schedule, t) && paper)
                             // train.py of 3DGS; DashGaussian and MCMC prune none
                             assert_int_equal(prunes, t > 3000 && pipeline != SGS_PIPELINE_DASH &&
                                                          pipeline != SGS_PIPELINE_MCMC);
-                        assert_true(!prunes || (resets > 0 && (paper || n == 30000)));
+                        assert_true(!prunes || (resets > 0 && paper));
                         if (sgsi_schedule_is_reset(&schedule, t)) {
                             last_reset = t;
                             ++resets;

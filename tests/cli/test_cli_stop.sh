@@ -174,7 +174,7 @@ json "$out/summary.json" '.stop_reason == "time_limit" and .stop_text == "stoppe
 reports "continue with --resume"
 check the_state_is_saved test -s "$out/checkpoint/state.bin"
 at=$(jq .iterations "$out/summary.json")
-run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --resume --time-limit "$((${limit%s} + 1))s"
+run 0 train "${data[@]}" -o "$out" --iterations 1000000 --spare off --resume --time-limit "$((2 * ${limit%s}))s"
 reports "resuming at iteration $at"
 run 0 train "${data[@]}" -o "$temporary/short" --iterations 1 --quiet --time-limit 1d3h55m1.5s
 run 1 train "$temporary" -o "$temporary/none" --time-limit 2d12h # accepted; there is no scene

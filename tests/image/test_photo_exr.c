@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "base/compare.h"
 #include "image/image_oiio.h"
 #include "support/bad_input.h"
 #include "support/exr_bytes.h"
@@ -438,12 +439,6 @@ static void data_windows_are_placed_in_the_display_window(void **state)
         }
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 // Overscan is brighter than the picture, and does not count.
 static void the_white_point_is_that_of_the_display_window(void **state)
 {
@@ -456,7 +451,7 @@ static void the_white_point_is_that_of_the_display_window(void **state)
         for (int y = data[1] > 0 ? data[1] : 0; y < SHOWN_HEIGHT; ++y)
             for (int x = data[0] > 0 ? data[0] : 0; x < SHOWN_WIDTH; ++x)
                 shown[count++] = window_value(2, x, y); // the brightest channel
-        qsort(shown, count, sizeof *shown, ascending);
+        qsort(shown, count, sizeof *shown, sgsi_compare_floats);
         const double white = (double)shown[(size_t)ceil(0.99 * (double)count) - 1];
         const temp_folder folder = put_window(&cases[i]);
         sgs_scene_options options = sgs_scene_options_default();

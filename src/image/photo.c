@@ -236,6 +236,15 @@ static void take_row(void *context, int y, const float *row)
     }
 }
 
+// The part [begin, end) of a data window of `size` pixels at `offset` that lies in the display
+// window [0, shown).
+static void shown_range(int offset, int size, int shown, int *begin, int *end)
+{
+    const int64_t low = offset < 0 ? -(int64_t)offset : 0, high = (int64_t)shown - offset;
+    *begin = (int)(low < size ? low : size);
+    *end = (int)(high < size ? high : size);
+}
+
 // Places the rows of a data window in the display window.
 typedef struct placer {
     reducer *reducer;
@@ -258,15 +267,17 @@ static void place_row(void *context, int y, const float *row)
 {
     placer *p = context;
     const sgsi_image_info *file = p->file;
-    const int64_t at = (int64_t)y + file->top, left = file->left, end = left + file->width;
+    const int64_t at = (int64_t)y + file->top;
     const int channels = p->reducer->info->channels;
     if (at < 0 || at >= file->full_height)
         return;
     take_empty_rows(p, (int)at);
     memset(p->row, 0, (size_t)channels * (size_t)file->full_width * sizeof *p->row);
-    for (int64_t x = left > 0 ? left : 0; x < end && x < file->full_width; ++x) {
-        const float *in = row + (x - left) * file->channels;
-        float *out = p->row + channels * x;
+    int begin, end;
+    shown_range(file->left, file->width, file->full_width, &begin, &end);
+    for (int x = begin; x < end; ++x) {
+        const float *in = row + (size_t)x * (size_t)file->channels;
+        float *out = p->row + (size_t)channels * (size_t)(x + file->left);
         memcpy(out, in, 3 * sizeof *out);
         if (channels == 4)
             out[3] = file->channels == 4 ? in[3] : 1.0f;
@@ -435,15 +446,6 @@ static void light_row(void *context, int y, const float *row)
         const float brightest = fmaxf(pixel[0], fmaxf(pixel[1], pixel[2]));
         sgsi_light_add_value(rows->light, brightest);
     }
-}
-
-// The part [begin, end) of a data window of `size` pixels at `offset` that lies in the display
-// window [0, shown).
-static void shown_range(int offset, int size, int shown, int *begin, int *end)
-{
-    const int64_t low = offset < 0 ? -(int64_t)offset : 0, high = (int64_t)shown - offset;
-    *begin = (int)(low < size ? low : size);
-    *end = (int)(high < size ? high : size);
 }
 
 sgs_status sgsi_light_add(sgsi_light *light, const char *path, const char *colorspace,

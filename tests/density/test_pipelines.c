@@ -14,6 +14,7 @@
 #include <string.h>
 #include <cmocka.h>
 
+#include "base/compare.h"
 #include "density/density.h"
 #include "density/pipeline.h"
 #include "density/plane_range.h"
@@ -220,12 +221,6 @@ static void gradients_close_to_the_camera_count_less(void **state)
 
 // ---- Selections ----
 
-static int by_value(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 static void median_is_the_lower_middle_of_the_positive_values(void **state)
 {
     (void)state;
@@ -237,7 +232,7 @@ static void median_is_the_lower_middle_of_the_positive_values(void **state)
             if (values[i] > 0)
                 positive[count++] = values[i];
         }
-        qsort(positive, count, sizeof *positive, by_value);
+        qsort(positive, count, sizeof *positive, sgsi_compare_floats);
         assert_true(sgsi_positive_median(values, 1, NULL, n) ==
                     (count ? positive[(count - 1) / 2] : 0.0f));
     }

@@ -15,6 +15,7 @@
 
 #include <math.h>
 
+#include "base/compare.h"
 #include "base/core.h"
 #include "model/knn.h"
 #include "sparegs/runtime.h"
@@ -185,12 +186,6 @@ static void knn_fails_cleanly_without_memory(void **state)
     free(points);
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
 static double distance_of(const float *points, size_t i, size_t k)
 {
     double d = 0.0;
@@ -209,7 +204,7 @@ static void check_neighbours(const float *points, size_t n, size_t i, const uint
     for (size_t j = 0; j < n; ++j)
         if (j != i)
             all[others++] = distance_of(points, i, j);
-    qsort(all, others, sizeof *all, ascending);
+    qsort(all, others, sizeof *all, sgsi_compare_doubles);
     for (size_t place = 0; place < k; ++place) {
         assert_true(neighbours[place] < n && neighbours[place] != i);
         if (!(distance_of(points, i, neighbours[place]) == all[place]))

@@ -15,6 +15,7 @@
 
 #include <cmocka.h>
 
+#include "base/compare.h"
 #include "base/core.h"
 #include "base/threads.h"
 #include "sparegs/prune.h"
@@ -41,12 +42,6 @@ static int by_distance(const void *a, const void *b)
 {
     const near_point *p = a, *q = b;
     return p->distance < q->distance ? -1 : p->distance > q->distance;
-}
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
 }
 
 static double sh(const double *c, double x, double y, double z)
@@ -112,7 +107,7 @@ static void scale_column(double *z)
 {
     double sorted[COUNT], edges[2];
     memcpy(sorted, z, sizeof sorted);
-    qsort(sorted, COUNT, sizeof *sorted, ascending);
+    qsort(sorted, COUNT, sizeof *sorted, sgsi_compare_doubles);
     for (int side = 0; side < 2; ++side) {
         const double at = (side ? 0.99 : 0.01) * (COUNT - 1);
         const size_t k = (size_t)at;
@@ -142,7 +137,7 @@ static void quantities(const oracle_scene *model, near_point (*near)[COUNT], dou
             s[k] = exp(p[SGS_PARAM_SCALE + k]);
             f[7 + k][i] = fmin(fmax(0.28209479177387814 * p[SGS_PARAM_SH_DC + k] + 0.5, 0), 1);
         }
-        qsort(s, 3, sizeof *s, ascending);
+        qsort(s, 3, sizeof *s, sgsi_compare_doubles);
         for (int k = 0; k < 3; ++k)
             f[2 + k][i] = s[k];
         f[5][i] = s[0] * s[1] * s[2];

@@ -16,6 +16,7 @@
 #include <string.h>
 #include <cmocka.h>
 
+#include "base/compare.h"
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "support/files_support.h"
@@ -30,19 +31,13 @@ static sgs_gaussians *start; // a short training of the whole scene
 static sgs_box region;
 static temp_folder folder;
 
-static int by_value(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 // A box with about half of the start's primitives, and its outer side open.
 static sgs_box half_of(const sgs_gaussians *model)
 {
     float *x = malloc(model->count * sizeof *x);
     assert_int_equal(sgs_gaussians_read(model, SGS_PARAM_MEAN, 0, model->count, x, 0),
                      SGS_STATUS_OK);
-    qsort(x, model->count, sizeof *x, by_value);
+    qsort(x, model->count, sizeof *x, sgsi_compare_floats);
     sgs_box box = sgs_box_infinite();
     box.high[0] = x[model->count / 2];
     free(x);

@@ -235,31 +235,28 @@ static int last_thinning(const sgsi_schedule *schedule, double fine)
 }
 
 // Opacity resets of a scaled run with `until` iterations of densification: every 3000, and
-// densification goes on after the last one for 1500 iterations, or a third of its length in short
-// runs. Photos do not change the number, so that one more of them does not add a reset.
+// densification goes on after the last one for at least 1500 iterations, or a third of its length
+// in short runs. Photos do not change the number, so that one more of them does not add a reset.
 static int reset_count(double until)
 {
     return (int)floor((until - fmin(until / 3.0, 1500.0)) / 3000.0);
 }
 
-sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_schedule_input *input)
+// The published milestones times f; those that are not in proportion are set by the caller.
+static sgsi_schedule published(const sgs_train_options *options, const sgsi_pipeline *pipeline,
+                               const sgsi_schedule_input *input, double f)
 {
-    if (options->schedule == SGS_SCHEDULE_FINETUNE)
-        return finetune(options);
-    const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
-    const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
-    const double f = scaled ? (double)options->iterations / SGSI_PAPER_LENGTH : 1.0;
-    sgsi_schedule schedule = {
+    return (sgsi_schedule){
         .iterations = options->iterations,
         .dense = is_dense(options),
         .densify_from = 500,
-        .densify_until = pipeline->densify_until,
+        .densify_until = rounded(pipeline->densify_until * f, 1),
         .densify_interval = pipeline->densify_interval,
         .reset_interval = pipeline->relocates ? 0 : 3000,
         .growth = pipeline->relocates ? options->pipeline_options.mcmc_growth : 0.0,
         .reset_until = pipeline->densify_until,
         .first_reset = is_white(options) ? 500 : 0,
-        .prunes_large = !scaled && pipeline->prunes_large,
+        .prunes_large = options->schedule != SGS_SCHEDULE_SCALED && pipeline->prunes_large,
         .prune_interval = pipeline->prune_interval ? rounded(pipeline->prune_interval * f, 1) : 0,
         .batch_rest = batch(pipeline->batch_rest, f),
         .batch_middle = batch(pipeline->batch_middle, f),
@@ -278,16 +275,64 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
         .lr_opacity = 1.0,
         .check_interval = rounded(options->spare_interval * f, 1),
         .threshold_factor = 1.0};
-    if (!scaled || options->iterations == SGSI_PAPER_LENGTH)
+}
+
+// fine: how far a run of this length follows the rules of high-resolution images, 0 to 1.
+static void sharpen(sgsi_schedule *schedule, const sgs_train_options *options,
+                    const sgsi_pipeline *pipeline, double fine)
+{
+    schedule->threshold_factor *= pow(LARGE_THRESHOLD, fine);
+    schedule->abs_share = pipeline->abs_grad ? 0.0 : LARGE_ABS_SHARE * fine;
+    schedule->near_depth = LARGE_NEAR_DEPTH * fine;
+    schedule->ssim_weight = ssim_weight(options, fine);
+    schedule->ssim_sigma = ssim_sigma(options, fine);
+    const double opacity_rate = LARGE_OPACITY_RATE * (double)sgsi_pipeline_3dgs.lr_opacity;
+    schedule->lr_opacity = pow(fmax(opacity_rate / (double)pipeline->lr_opacity, 1.0), fine);
+    schedule->half_size_until = rounded(LARGE_HALF_SIZE * fine * options->iterations, 0);
+    if (schedule->half_size_until <= schedule->resolution_from)
+        schedule->half_size_until = 0;
+}
+
+// The updates and resets of a run of f < 1 of the published length. beyond: position of N between
+// SGSI_SHORT_LENGTH and SGSI_PAPER_LENGTH; large: how far the photos call for the rules of
+// high-resolution images; both 0 to 1.
+static void scale_updates(sgsi_schedule *schedule, const sgsi_pipeline *pipeline, bool random,
+                          double beyond, double large)
+{
+    const double f = (double)schedule->iterations / SGSI_PAPER_LENGTH;
+    const double paper_updates = (PAPER_HALF - 500.0) / pipeline->densify_interval;
+    const double fewest = random ? RANDOM_UPDATES
+                                 : SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
+                 updates = fewest * pow(paper_updates / fewest, beyond);
+    schedule->late_removal = schedule->iterations < CONSTANT_LENGTH ? 0.0 : LATE_REMOVAL;
+    schedule->densify_from = first_update(schedule->iterations);
+    schedule->densify_interval =
+        rounded((PAPER_HALF * f - schedule->densify_from) / updates, MIN_INTERVAL);
+    if (schedule->late_removal > 0.0 && !pipeline->prune_interval)
+        schedule->thin_until = last_thinning(schedule, (1.0 - beyond) * large);
+    schedule->reset_interval =
+        rounded(3000.0 / schedule->densify_interval, 1) * schedule->densify_interval;
+    const int resets = reset_count(pipeline->densify_until * f);
+    schedule->reset_until = resets * schedule->reset_interval + 1;
+    if (!resets)
+        schedule->first_reset = 0; // the run is too short for resets
+}
+
+sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_schedule_input *input)
+{
+    if (options->schedule == SGS_SCHEDULE_FINETUNE)
+        return finetune(options);
+    const bool scaled = options->schedule == SGS_SCHEDULE_SCALED;
+    const sgsi_pipeline *pipeline = sgsi_pipeline_get(options->pipeline);
+    const double f = scaled ? (double)options->iterations / SGSI_PAPER_LENGTH : 1.0;
+    sgsi_schedule schedule = published(options, pipeline, input, f);
+    if (f > 1.0 && schedule.reset_interval)
+        schedule.reset_until = reset_count(schedule.densify_until) * schedule.reset_interval + 1;
+    if (f >= 1.0)
         return schedule;
-    schedule.densify_until = rounded(pipeline->densify_until * f, 1);
-    if (f >= 1.0) {
-        schedule.reset_until = schedule.densify_until;
-        return schedule;
-    }
     const double beyond = 1.0 - sgsi_run_shortness(options);
-    schedule.anneal_from = rounded(ANNEAL_FROM * options->iterations, 1);
     const double large = pipeline->fine_growth ? fine_growth(input->views, input->pixels) : 0.0;
+    schedule.anneal_from = rounded(ANNEAL_FROM * options->iterations, 1);
     schedule.lr_late = late_rate(options->iterations, beyond, large);
     if (schedule.dense || !pipeline->relocates)
         schedule.lr_shape = fmin(sqrt(1.0 / f), SHORT_SHAPE_RATE);
@@ -295,35 +340,10 @@ sgsi_schedule sgsi_schedule_make(const sgs_train_options *options, const sgsi_sc
         scale_relocations(&schedule, f);
         return schedule;
     }
-    const double paper_updates = (PAPER_HALF - 500.0) / pipeline->densify_interval;
-    const double fine = (1.0 - beyond) * large;
-    const double threshold = input->random ? RANDOM_THRESHOLD : SHORT_THRESHOLD;
     schedule.threshold_factor =
-        pow(threshold, (1.0 - beyond) * (1.0 - large)) * pow(LARGE_THRESHOLD, fine);
-    schedule.abs_share = pipeline->abs_grad ? 0.0 : LARGE_ABS_SHARE * fine;
-    schedule.near_depth = LARGE_NEAR_DEPTH * fine;
-    schedule.ssim_weight = ssim_weight(options, fine);
-    schedule.ssim_sigma = ssim_sigma(options, fine);
-    const double opacity_rate = LARGE_OPACITY_RATE * (double)sgsi_pipeline_3dgs.lr_opacity;
-    schedule.lr_opacity = pow(fmax(opacity_rate / (double)pipeline->lr_opacity, 1.0), fine);
-    schedule.half_size_until = rounded(LARGE_HALF_SIZE * fine * options->iterations, 0);
-    if (schedule.half_size_until <= schedule.resolution_from)
-        schedule.half_size_until = 0;
-    const double fewest = input->random ? RANDOM_UPDATES
-                                        : SHORT_UPDATES * pow(LARGE_UPDATES / SHORT_UPDATES, large),
-                 updates = fewest * pow(paper_updates / fewest, beyond);
-    schedule.late_removal = options->iterations < CONSTANT_LENGTH ? 0.0 : LATE_REMOVAL;
-    schedule.densify_from = first_update(options->iterations);
-    schedule.densify_interval =
-        rounded((PAPER_HALF * f - schedule.densify_from) / updates, MIN_INTERVAL);
-    if (schedule.late_removal > 0.0 && !pipeline->prune_interval)
-        schedule.thin_until = last_thinning(&schedule, fine);
-    schedule.reset_interval =
-        rounded(3000.0 / schedule.densify_interval, 1) * schedule.densify_interval;
-    const int resets = reset_count(pipeline->densify_until * f);
-    schedule.reset_until = resets * schedule.reset_interval + 1;
-    if (!resets)
-        schedule.first_reset = 0; // the run is too short for resets
+        pow(input->random ? RANDOM_THRESHOLD : SHORT_THRESHOLD, (1.0 - beyond) * (1.0 - large));
+    sharpen(&schedule, options, pipeline, (1.0 - beyond) * large);
+    scale_updates(&schedule, pipeline, input->random, beyond, large);
     return schedule;
 }
 

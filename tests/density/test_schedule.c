@@ -266,7 +266,7 @@ static int count_resets(const sgsi_schedule *schedule)
 
 // One iteration less than published keeps all resets; a short run has none, not even the additional
 // one for white backgrounds.
-static void resets_do_not_vanish_just_below_the_published_length(void **state)
+static void resets_change_little_around_the_published_length(void **state)
 {
     (void)state;
     for (int pipeline = 0; pipeline < SGS_PIPELINE_COUNT; ++pipeline)
@@ -286,6 +286,17 @@ static void resets_do_not_vanish_just_below_the_published_length(void **state)
                 options.iterations = n;
                 const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
                 assert_int_equal(count_resets(&schedule), all);
+            }
+            for (int n = 30001; n < 70000; n += 499) {
+                options.iterations = n;
+                const sgsi_schedule schedule = sgsi_schedule_make(&options, &small_photos);
+                int last = 0;
+                for (int i = 1; i <= n; ++i)
+                    if (sgsi_schedule_is_reset(&schedule, i))
+                        last = i;
+                assert_int_equal(count_resets(&schedule) - white,
+                                 (schedule.densify_until - 1500) / 3000);
+                assert_true(schedule.densify_until - last >= 1500);
             }
             for (int n = 29000; n > 1000; n -= 250) {
                 options.iterations = n;
@@ -734,7 +745,7 @@ int main(void)
         cmocka_unit_test(short_runs_shape_faster),
         cmocka_unit_test(white_backgrounds_have_an_additional_reset),
         cmocka_unit_test(paper_schedule_cut_short_keeps_its_milestones),
-        cmocka_unit_test(resets_do_not_vanish_just_below_the_published_length),
+        cmocka_unit_test(resets_change_little_around_the_published_length),
         cmocka_unit_test(resets_depend_on_the_length_only),
         cmocka_unit_test(runs_close_to_the_published_length_have_constant_rates),
         cmocka_unit_test(scaled_schedule_has_its_documented_properties_at_every_length),

@@ -33,7 +33,7 @@ opacity_after_reset | test_trainer|test_density | limit_opacity\(trainer, 0\.01,
 sh_interval | test_schedule | \.sh_interval = rounded\(1000 \* f, 1\) | .sh_interval = rounded(900 * f, 1)
 thinning_grows | test_density | c->action\[i\] = SGSI_ACTION_KEEP;$ | c->action[i] = SGSI_ACTION_CLONE;
 mip_opacity_rate | test_schedule | fmax\(opacity_rate / \(double\)pipeline->lr_opacity, 1\.0\) | LARGE_OPACITY_RATE
-fastgs_thins | test_schedule | schedule\.late_removal > 0\.0 && !pipeline->prune_interval | schedule.late_removal > 0.0
+fastgs_thins | test_schedule | schedule->late_removal > 0\.0 && !pipeline->prune_interval | schedule->late_removal > 0.0
 learning_rate_decay | test_schedule | exp\(u \* log\(0\.01\)\) | exp(u * log(0.02))
 adam_beta2 | golden|test_trainer | \.beta2 = 0\.999f | .beta2 = 0.99f
 learning_rate_scale | golden | \.lr_scale = shape \* 5e-3f | .lr_scale = shape * 4e-3f

@@ -223,8 +223,11 @@ static inline vf similarity(vf shifted, vf error, vf power, vf error2, vf weight
     const vf border = vf_mul(missing, vf_fma(half, weight, vf_add(shifted, target)));
     const vf d = vf_fma(m1, m1, vf_fma(m2, m2, vf_set1(1e-4f)));
     const vf variances = vf_fnma(shifted, shifted, vf_fnma(target, target, power));
-    const vf f = vf_add(vf_add(variances, border), vf_set1(9e-4f));
-    const vf v0 = vf_fnma(error, error, error2);
+    // The variance v0 of the error is at least 0, and F at least C2 + v0 / 2. Far above white, the
+    // rounding of the moments exceeds C2 = 9e-4 on flat areas.
+    const vf v0 = vf_max(vf_fnma(error, error, error2), vf_set1(-1e-6f));
+    const vf f = vf_max(vf_add(vf_add(variances, border), vf_set1(9e-4f)),
+                        vf_fma(v0, half, vf_set1(8.9e-4f)));
     const vf inverse = vf_div(one, vf_mul(d, f));
     const vf inverse_d = vf_mul(inverse, f), inverse_f = vf_mul(inverse, d);
     const vf slope = vf_mul(error, inverse_d);

@@ -37,7 +37,9 @@ typedef enum sgs_resume_rule {
     SGS_RESUME_FIXED = 0,  // no
     SGS_RESUME_FREE,       // yes, with a warning; the new value is used from then on
     SGS_RESUME_FREE_PAPER, // as FREE under SGS_SCHEDULE_PAPER, else as FIXED
-    SGS_RESUME_START       // used for the first model only, which the checkpoint replaces
+    SGS_RESUME_START,      // used for the first model only, which the checkpoint replaces
+    SGS_RESUME_FREE_WHOLE  // as FREE without a region, whose target images depend on it, else as
+                           // FIXED
 } sgs_resume_rule;
 
 typedef struct sgs_train_option {

@@ -355,6 +355,7 @@ static sgs_status check_progress(sgsi_sections *sections, const sgs_trainer *tra
         progress->structure_iteration > progress->iteration || progress->order_position > views ||
         progress->stop < SGS_STOP_NONE || progress->stop > SGS_STOP_SIGNAL ||
         progress->resolution < 0 || progress->resolution > 8 || progress->updates < 0 ||
+        progress->start < SGSI_START_UNKNOWN || progress->start > SGSI_START_RANDOM ||
         progress->batch_views < 0 || progress->batch_views >= trainer->options.batch ||
         (progress->stop == SGS_STOP_SCHEDULE &&
          (!progress->iteration || !progress->order_position)) ||
@@ -466,8 +467,11 @@ static sgs_status check(sgsi_sections *sections, sgs_trainer *trainer, contents 
     bool spare_changed;
     status = sgsi_options_compare(sections->path, options, bytes, &trainer->options,
                                   progress->iteration, &spare_changed);
-    if (!status && spare_changed && progress->stop == SGS_STOP_EQUILIBRIUM)
-        progress->stop = SGS_STOP_NONE; // the equilibrium depends on these options
+    if (!status && spare_changed) { // the equilibrium depends on these options
+        progress->equilibrium.held = 0;
+        if (progress->stop == SGS_STOP_EQUILIBRIUM)
+            progress->stop = SGS_STOP_NONE;
+    }
     if (!status)
         status = check_scene(sections, trainer);
     if (status)
@@ -557,6 +561,22 @@ sgs_status sgs_trainer_check_checkpoint(sgs_trainer *trainer, const char *path)
     return status;
 }
 
+// The schedule depends on whether the run began with a random cloud. The trainer may have been
+// created without the points or the model of that time.
+static void restore_progress(sgs_trainer *trainer, const sgsi_train_progress *progress)
+{
+    const int32_t own = trainer->progress.start;
+    trainer->progress = *progress;
+    if (progress->start == SGSI_START_UNKNOWN)
+        trainer->progress.start = own;
+    if (trainer->progress.start == own)
+        return;
+    const double lr_begin = trainer->schedule.lr_begin; // planned from the photos
+    trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options,
+                                            progress->start == SGSI_START_RANDOM);
+    trainer->schedule.lr_begin = lr_begin;
+}
+
 // Replaces the state by that of a file that agrees with the trainer; sections NULL on other ranks.
 static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, const contents *found)
 {
@@ -579,7 +599,7 @@ static sgs_status read_state(sgsi_sections *sections, sgs_trainer *trainer, cons
         status = sgs_ranks_agree(ranks, sections ? sections->status : SGS_STATUS_OK);
     if (status)
         return status;
-    trainer->progress = *progress;
+    restore_progress(trainer, progress);
     sgsi_free((void *)trainer->regions.regions); // of the state before
     trainer->regions = (sgs_regions){0};
     trainer->stop_text[progress->stop ? sizeof trainer->stop_text - 1 : 0] = 0;

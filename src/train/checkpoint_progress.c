@@ -47,6 +47,7 @@ static const sgsi_field fields[] = {
     OPTIONAL(psnr_average, F64),
     OPTIONAL(psnr_weight, F64),
     OPTIONAL(near_limit, F64), // 0 in files without it
+    OPTIONAL(start, I32),      // SGSI_START_UNKNOWN in files without it
     OPTIONAL(skipped.steps, U64),
     OPTIONAL(skipped.gradients, U64),
     OPTIONAL(skipped.reports, U64),

@@ -138,9 +138,9 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const int shrinks = known ? sgsi_pipeline_get(own.pipeline)->small_images : 0;
     const bool scores = known && sgsi_pipeline_get(own.pipeline)->score_views;
     const size_t shrinking = shrinks ? (size_t)shrinks : 1;
-    const bool reduces =
-        (shrinks || (known && !own.init && sgsi_train_schedule(scene, &own).half_size_until)) &&
-        !scene->float_images;
+    const bool reduces = (shrinks || (known && !own.init &&
+                                      sgsi_train_schedule(scene, &own, false).half_size_until)) &&
+                         !scene->float_images;
     if (reduces && !cached)
         photos += scene->photo_bytes / 4; // at half the size or less
     const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),

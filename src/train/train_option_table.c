@@ -125,7 +125,7 @@ static const sgs_train_option table[] = {
      .help = "maximum number of primitives, including the initial cloud",
      .group = training,
      ALL_PIPELINES,
-     .resume = SGS_RESUME_FREE},
+     .resume = SGS_RESUME_FREE_WHOLE},
     {.name = "init",
      .type = SGS_OPTION_MODEL,
      FIELD(init),

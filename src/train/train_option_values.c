@@ -225,5 +225,6 @@ bool sgs_train_option_may_change(const sgs_train_option *option, const sgs_train
     const sgs_train_options whole = whole_options(options);
     return option->resume == SGS_RESUME_FREE ||
            (option->resume == SGS_RESUME_FREE_PAPER && whole.schedule == SGS_SCHEDULE_PAPER) ||
+           (option->resume == SGS_RESUME_FREE_WHOLE && sgs_box_is_infinite(&whole.region)) ||
            !sgs_train_option_is_read(option, &whole);
 }

@@ -87,7 +87,8 @@ static sgs_status add_views(sgsi_train_views *views, int *width, int *height)
     return SGS_STATUS_OK;
 }
 
-sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options)
+sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options,
+                                  bool random)
 {
     bool loaded = false;
     for (size_t i = 0; i < scene->view_count && !loaded; ++i)
@@ -102,9 +103,8 @@ sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_option
         pixels += (double)view->camera.width * view->camera.height;
     }
     count = count ? count : 1;
-    const sgsi_schedule_input input = {.views = count,
-                                       .pixels = fmax(pixels / (double)count, 1.0),
-                                       .random = sgs_train_random_points(scene, options) > 0};
+    const sgsi_schedule_input input = {
+        .views = count, .pixels = fmax(pixels / (double)count, 1.0), .random = random};
     return sgsi_schedule_make(options, &input);
 }
 

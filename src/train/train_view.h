@@ -105,8 +105,9 @@ sgs_status sgsi_drawn_views_create(const sgs_scene *scene, const sgs_render_opti
                                    sgsi_train_views *views);
 
 // The schedule of a run on the training views of a scene, which may be loaded without its
-// photos. Cannot fail.
-sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options);
+// photos. random: the run began with a random cloud. Cannot fail.
+sgsi_schedule sgsi_train_schedule(const sgs_scene *scene, const sgs_train_options *options,
+                                  bool random);
 
 // Reports that another photo of views->to_prepare was prepared for training to options->progress.
 // Fails with CANCELLED.

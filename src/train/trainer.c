@@ -93,7 +93,9 @@ static sgs_status create_parts(sgs_trainer *trainer, sgsi_float_mode caller_mode
     if (status)
         return status;
     views->caller_mode = caller_mode;
-    trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options);
+    const bool random = sgs_train_random_points(trainer->scene, &trainer->options) > 0;
+    trainer->progress.start = random ? SGSI_START_RANDOM : SGSI_START_GIVEN;
+    trainer->schedule = sgsi_train_schedule(trainer->scene, &trainer->options, random);
     if (trainer->schedule.near_depth > 0.0)
         status = sgsi_near_depth_limit(trainer->scene, &trainer->progress.near_limit);
     if (status)

@@ -17,6 +17,13 @@
 #include "train/view_scores.h"
 
 // State of a run besides its arrays; part of checkpoints.
+// What the first model was made from.
+typedef enum sgsi_train_start {
+    SGSI_START_UNKNOWN, // in old checkpoints
+    SGSI_START_GIVEN,   // options.init or the points of the scene
+    SGSI_START_RANDOM,  // a random cloud
+} sgsi_train_start;
+
 typedef struct sgsi_train_progress {
     int32_t iteration;  // completed
     int32_t adam_step;  // optimiser steps made (bias correction of dense Adam)
@@ -29,6 +36,7 @@ typedef struct sgsi_train_progress {
     int32_t resolution;          // current down-scaling of the images; 0 = it never changes
     int32_t batch_views;         // views whose gradients wait for the step of their batch
     int32_t structure_iteration; // last iteration whose update, reset and resolution are applied
+    int32_t start;               // sgsi_train_start; the schedule depends on it
     sgsi_pipeline_state pipeline;
     double loss_average, loss_weight; // for the progress line
     double psnr_average, psnr_weight;

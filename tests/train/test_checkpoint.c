@@ -527,27 +527,30 @@ static void file_size_and_count_are_reported(void **state)
 static void an_equilibrium_is_final_until_its_options_change(void **state)
 {
     (void)state;
-    sgs_train_options options = short_run(200);
+    enum { LENGTH = 400, VIEWS = 30 };
+    sgs_train_options options = short_run(LENGTH);
     options.spare_eps_loss = options.spare_eps_count = 1;
-    options.spare_interval = 600; // 4 iterations of this run
+    options.spare_interval = 100; // an interval covers at least a pass over the views
     sgs_trainer *trainer = trainer_create(scene, &options);
     sgs_step_info info = {0};
     while (!info.stop)
         assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
     assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
     const int ended = info.iteration;
-    assert_true(ended < 200);
+    assert_true(ended < LENGTH);
     assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "still")),
                      SGS_STATUS_OK);
     sgs_trainer_destroy(trainer);
-    sgs_train_options changes[5];
-    for (int k = 0; k < 5; ++k)
+    enum { CHANGES = 6 };
+    sgs_train_options changes[CHANGES];
+    for (int k = 0; k < CHANGES; ++k)
         changes[k] = options;
     changes[1].spare = SGS_SPARE_BMD | SGS_SPARE_RAP;
     changes[2].spare_eps_loss = 1e-6;
     changes[3].spare_eps_count = 0;
     changes[4].spare_patience = 1000;
-    for (int k = 0; k < 5; ++k) {
+    changes[5].spare_eps_loss = 0.9;
+    for (int k = 0; k < CHANGES; ++k) {
         trainer = trainer_create(scene, &changes[k]);
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "still")),
                          SGS_STATUS_OK);
@@ -555,9 +558,49 @@ static void an_equilibrium_is_final_until_its_options_change(void **state)
         assert_int_equal(sgs_trainer_step(trainer, &info), k ? SGS_STATUS_OK : SGS_STATUS_LIMIT);
         assert_int_equal(*sgs_trainer_stop_text(trainer) != 0, k == 0);
         if (k == 1) {
-            trainer_run(trainer, 199 - ended);
-            assert_int_equal(sgs_trainer_iteration(trainer), 200);
+            trainer_run(trainer, LENGTH - 1 - ended);
+            assert_int_equal(sgs_trainer_iteration(trainer), LENGTH);
         }
+        if (k == 5) { // two checks of the new limit, not one more
+            while (!info.stop)
+                assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OK);
+            assert_int_equal(info.stop, SGS_STOP_EQUILIBRIUM);
+            assert_in_range(info.iteration, ended + 2 * VIEWS, LENGTH - 1);
+        }
+        sgs_trainer_destroy(trainer);
+    }
+}
+
+// The schedule of a resumed run is that of its start, whether the points or the initial model of
+// that time are still there or not.
+static void the_schedule_follows_the_start_of_the_run(void **state)
+{
+    (void)state;
+    enum { LENGTH = 120, SAVED = 20 };
+    sgs_scene empty = *scene;
+    empty.point_count = 0;
+    sgs_train_options options = short_run(LENGTH);
+    options.random_points = 300;
+    for (int random = 0; random < 2; ++random) {
+        sgs_trainer *trainer = trainer_create(random ? &empty : scene, &options);
+        trainer_run(trainer, SAVED);
+        assert_int_equal(sgs_trainer_save_checkpoint(trainer, temp_path(&folder, "start")),
+                         SGS_STATUS_OK);
+        trainer_run(trainer, LENGTH - SAVED);
+        const sgs_train_milestones straight = sgs_trainer_milestones(trainer);
+        char straight_hash[17], hash[17];
+        digest(trainer, straight_hash);
+        sgs_trainer_destroy(trainer);
+        trainer = trainer_create(random ? scene : &empty, &options);
+        assert_true(sgs_trainer_milestones(trainer).gradient_factor != straight.gradient_factor);
+        if (sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "start")))
+            fail_msg("%s", sgs_last_error());
+        const sgs_train_milestones resumed = sgs_trainer_milestones(trainer);
+        assert_true(resumed.gradient_factor == straight.gradient_factor);
+        assert_int_equal(resumed.densify_interval, straight.densify_interval);
+        trainer_run(trainer, LENGTH - SAVED);
+        digest(trainer, hash);
+        assert_string_equal(hash, straight_hash);
         sgs_trainer_destroy(trainer);
     }
 }
@@ -602,6 +645,7 @@ int main(void)
         cmocka_unit_test(file_size_and_count_are_reported),
         cmocka_unit_test(a_loaded_state_has_no_regions_of_the_state_before),
         cmocka_unit_test(an_equilibrium_is_final_until_its_options_change),
+        cmocka_unit_test(the_schedule_follows_the_start_of_the_run),
         cmocka_unit_test(a_full_disk_keeps_the_earlier_checkpoint),
     };
     return cmocka_run_group_tests(tests, load, unload);

@@ -235,6 +235,12 @@ static void a_resumed_region_has_the_same_bits(void **state)
         assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_INVALID_ARGUMENT);
         assert_non_null(strstr(sgs_last_error(), "option region was -inf,-inf,-inf,"));
         sgs_trainer_destroy(trainer);
+        options.region.high[0] -= 0.5f;
+        options.max_gaussians = 200000; // the targets come from the first model, which it limits
+        trainer = trainer_create(scene, &options);
+        assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(sgs_last_error(), "option max_gaussians was 100000"));
+        sgs_trainer_destroy(trainer);
     }
 }
 

@@ -125,8 +125,8 @@ static void the_schedule_is_known_before_the_photos(void **state)
     unloaded.views = views;
     for (size_t i = 0; i < scene->view_count; ++i)
         views[i].image = (sgs_photo){0};
-    assert_int_equal(sgsi_train_schedule(scene, &options).half_size_until, HALF);
-    assert_int_equal(sgsi_train_schedule(&unloaded, &options).half_size_until, HALF);
+    assert_int_equal(sgsi_train_schedule(scene, &options, false).half_size_until, HALF);
+    assert_int_equal(sgsi_train_schedule(&unloaded, &options, false).half_size_until, HALF);
     assert_true(sgs_train_memory(&unloaded, &options, 0, 1000) ==
                 sgs_train_memory(scene, &options, 0, 1000));
     free(views);

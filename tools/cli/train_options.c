@@ -258,12 +258,17 @@ static void describe_resume(const sgs_train_option *rows, size_t count)
                          "records; of these, only the following may change:");
     const char *comma = "";
     for (size_t i = 0; i < count && used < sizeof resume_help; ++i) {
-        if (rows[i].resume != SGS_RESUME_FREE && rows[i].resume != SGS_RESUME_FREE_PAPER)
+        static const char *const conditions[] = {
+            [SGS_RESUME_FREE] = "",
+            [SGS_RESUME_FREE_PAPER] = " (with --schedule paper)",
+            [SGS_RESUME_START] = NULL,
+            [SGS_RESUME_FREE_WHOLE] = " (not with --region)",
+        };
+        if (!conditions[rows[i].resume])
             continue;
         flag_name(rows[i].name, name);
-        used += (size_t)snprintf(
-            resume_help + used, sizeof resume_help - used, "%s --%s%s", comma, name,
-            rows[i].resume == SGS_RESUME_FREE ? "" : " (with --schedule paper)");
+        used += (size_t)snprintf(resume_help + used, sizeof resume_help - used, "%s --%s%s", comma,
+                                 name, conditions[rows[i].resume]);
         comma = ",";
     }
 }

@@ -121,7 +121,9 @@ static void apply_rotation(const sgsi_similarity *s, float params[SGS_PARAM_COUN
 {
     const double *p = s->quaternion;
     float *q = params + SGS_PARAM_ROTATION;
-    const double w = (double)q[0], x = (double)q[1], y = (double)q[2], z = (double)q[3];
+    const double x = (double)q[1], y = (double)q[2], z = (double)q[3];
+    const bool is_zero = q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
+    const double w = is_zero ? 1.0 : (double)q[0]; // the zero quaternion is no rotation
     q[0] = (float)(p[0] * w - p[1] * x - p[2] * y - p[3] * z);
     q[1] = (float)(p[0] * x + p[1] * w + p[2] * z - p[3] * y);
     q[2] = (float)(p[0] * y - p[1] * z + p[2] * w + p[3] * x);

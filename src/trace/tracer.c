@@ -204,7 +204,7 @@ void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
                                                             : 0.0f;
     sgs_pose_center(pose, center);
     *view = (sgsi_view){.rays = rays,
-                        .near_distance = (float)options->near_distance,
+                        .near_distance = (float)options->near_distance + 0.0f, // no -0
                         .dilation = pixel / (rays->focal * rays->focal),
                         .mip = options->filter == SGS_FILTER_MIP,
                         .filter_3d = options->filter == SGS_FILTER_MIP ? options->filter_3d : NULL,

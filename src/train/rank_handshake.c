@@ -34,8 +34,12 @@ static uint64_t arithmetic(void)
                                  tanh(x),
                                  expm1(0.1 * x),
                                  log1p(fabs(x)),
+                                 sin(x),
                                  cos(x),
                                  tan(x),
+                                 atan(x),
+                                 atan2(x, 1.0 + cos(3.0 * x)),
+                                 hypot(x, 1.0 + cos(3.0 * x)),
                                  log10(fabs(x) + 1e-9)};
         const float value = expf((float)x);
         XXH64_update(state, values, sizeof values);

@@ -39,7 +39,7 @@ static double distance(const sgs_gaussians *model, size_t i, const double point[
         norm += q[k] * q[k];
     }
     for (int k = 0; k < 4; ++k)
-        q[k] /= sqrt(norm);
+        q[k] = norm > 0 ? q[k] / sqrt(norm) : !k; // 0: no rotation
     for (int k = 0; k < 3; ++k)
         offset[k] = point[k] - (double)model_value(model, i, SGS_PARAM_MEAN + k);
     rotate(q, offset, local);
@@ -63,6 +63,9 @@ static void transforms_move_density_and_colour(void **state)
     for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c) {
         const sgs_similarity *s = &cases[c];
         sgs_gaussians *model = model_random(COUNT, 3), *moved = model_random(COUNT, 3);
+        for (int k = 0; k < 4; ++k)
+            *sgs_gaussians_at(model, 3, SGS_PARAM_ROTATION + k) =
+                *sgs_gaussians_at(moved, 3, SGS_PARAM_ROTATION + k) = 0;
         assert_int_equal(sgs_gaussians_transform(moved, s), SGS_STATUS_OK);
         double q[4], norm = 0;
         for (int k = 0; k < 4; ++k)

@@ -443,7 +443,7 @@ static bool iterate_once(training *run, trace_file *trace)
                     run->own_iterations++ >= (int)scene_split_count(run->scene, SGS_SPLIT_TRAIN));
     run->train_seconds += spent;
     run->longest_step = spent > run->longest_step ? spent : run->longest_step;
-    if (status == SGS_STATUS_LIMIT) {
+    if (status == SGS_STATUS_LIMIT && *sgs_trainer_stop_text(run->trainer)) {
         run->stop = SGS_STOP_EQUILIBRIUM; // resumed from a checkpoint made in equilibrium
         print_note("%s: the run ended in equilibrium at iteration %d of %d; to continue it, "
                    "change --spare-eps-loss, --spare-eps-count or --spare-patience, or leave "

@@ -107,6 +107,11 @@ SGS_API void sgs_pose_center(const sgs_pose *pose, double center[3]);
 // sgs_last_error() gives the reason.
 SGS_API sgs_status sgs_pose_validate(const sgs_pose *pose);
 
+// Replaces the rotation of a valid pose, such as one with few digits, by the nearest exact one. The
+// camera stays at -R⁻¹ t. Rotations that are orthonormal to 1e-12 keep their bits. Rendering and
+// sgs_scene_create do so with a copy. Cannot fail.
+SGS_API void sgs_pose_orthonormalize(sgs_pose *pose);
+
 // Pose from a quaternion (w,x,y,z, any positive norm) and translation, in COLMAP's convention.
 // Fails with INVALID_ARGUMENT for zero or non-finite quaternions or non-finite translations.
 SGS_API sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3],

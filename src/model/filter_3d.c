@@ -21,7 +21,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 
-static const double margin = 0.15, variance = 0.2, rounding = 1e-9;
+static const double margin = 0.15, variance = 0.2, round_off = 1e-9;
 
 enum { BLOCK = 256, VIEWS_AT_ONCE = 512, SCALE_GRAIN = 1 << 14 };
 
@@ -128,7 +128,7 @@ static double least_depth(const sampling_view *view, const sampling_block *b, do
             reach[k] += fabs(r[c]) * b->half[c];
             error[k] += fabs(r[c]) * fabs(b->center[c]);
         }
-        error[k] = rounding * (error[k] + reach[k] + fabs(view->translation[k]));
+        error[k] = round_off * (error[k] + reach[k] + fabs(view->translation[k]));
     }
     if (view->fisheye) {
         double squared = 0.0;
@@ -136,7 +136,7 @@ static double least_depth(const sampling_view *view, const sampling_block *b, do
             const double least = fmax(fabs(p[k]) - reach[k] - error[k], 0.0);
             squared += least * least;
         }
-        return sqrt(squared) * (1.0 - rounding);
+        return sqrt(squared) * (1.0 - round_off);
     }
     if (p[2] + reach[2] + error[2] <= near_limit)
         return INFINITY;

@@ -31,8 +31,10 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "rays/rotation.h"
 
 #define PI 3.14159265358979323846
+#define EXACT_ROTATION 1e-12 // of poses that need no correction
 
 enum { MAX_SIZE = 65536, MAX_DEGREE = 13 };
 
@@ -573,29 +575,25 @@ void sgs_pose_center(const sgs_pose *pose, double center[3])
         center[i] = -(m[i] * t[0] + m[3 + i] * t[1] + m[6 + i] * t[2]);
 }
 
-static double determinant(const double r[9])
+// Largest entry of R R^T - I; NaN counts as infinite.
+static double shear(const double r[9])
 {
-    return r[0] * (r[4] * r[8] - r[5] * r[7]) + r[1] * (r[5] * r[6] - r[3] * r[8]) +
-           r[2] * (r[3] * r[7] - r[4] * r[6]);
-}
-
-static bool is_orthonormal(const double r[9])
-{
+    double most = 0;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) {
-            const double dot =
-                r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] + r[3 * i + 2] * r[3 * j + 2];
-            if (!(fabs(dot - (i == j)) <= 1e-3))
-                return false;
+            const double error = fabs(r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] +
+                                      r[3 * i + 2] * r[3 * j + 2] - (i == j));
+            most = error <= most ? most : isnan(error) ? INFINITY : error;
         }
-    return true;
+    return most;
 }
 
 sgs_status sgs_pose_validate(const sgs_pose *pose)
 {
-    if (!is_orthonormal(pose->rotation))
+    double cofactors[9];
+    if (!(shear(pose->rotation) <= 1e-3))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "pose.rotation is not orthonormal");
-    if (determinant(pose->rotation) < 0)
+    if (sgsi_determinant(pose->rotation, cofactors) < 0)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "pose.rotation is mirrored; convert left-handed cameras to x right, y "
                          "down, z forward");
@@ -607,6 +605,20 @@ sgs_status sgs_pose_validate(const sgs_pose *pose)
     if (!(fabs(center[0]) + fabs(center[1]) + fabs(center[2]) < SGSI_FARTHEST_CAMERA))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "camera position is out of range");
     return SGS_STATUS_OK;
+}
+
+void sgs_pose_orthonormalize(sgs_pose *pose)
+{
+    double *r = pose->rotation, *t = pose->translation, cofactors[9], center[3];
+    if (shear(r) <= EXACT_ROTATION)
+        return;
+    const double det = sgsi_determinant(r, cofactors);
+    for (int i = 0; i < 3; ++i)
+        center[i] =
+            -(cofactors[i] * t[0] + cofactors[3 + i] * t[1] + cofactors[6 + i] * t[2]) / det;
+    sgsi_nearest_rotation(r);
+    for (int i = 0; i < 3; ++i)
+        t[i] = -(r[3 * i] * center[0] + r[3 * i + 1] * center[1] + r[3 * i + 2] * center[2]);
 }
 
 sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], sgs_pose *pose)

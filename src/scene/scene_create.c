@@ -277,6 +277,7 @@ static sgs_status make_entries(creator *c, const sgs_view_source *views, size_t 
             return sgsi_scene_no_memory(path);
         view->camera = source->camera;
         view->pose = source->pose;
+        sgs_pose_orthonormalize(&view->pose);
         view->split = source->split;
     }
     return SGS_STATUS_OK;

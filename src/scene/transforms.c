@@ -31,6 +31,7 @@
 #include "base/core.h"
 #include "base/path_sandbox.h"
 #include "formats/point_cloud.h"
+#include "rays/rotation.h"
 
 enum { MAX_SIZE = 65536 };
 
@@ -337,24 +338,12 @@ static sgs_status read_camera(reader *r, const intrinsics *in, sgsi_frame *frame
     return SGS_STATUS_OK;
 }
 
-static double determinant(const double m[9], double cofactors[9])
-{
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
-            cofactors[3 * i + j] = m[3 * a + c] * m[3 * b + d] - m[3 * a + d] * m[3 * b + c];
-        }
-    }
-    return m[0] * cofactors[0] + m[1] * cofactors[1] + m[2] * cofactors[2];
-}
-
-// Removes a uniform scale and replaces m by the nearest rotation (Newton iteration of the polar
-// decomposition, Higham 1986: m <- (m + m^-T) / 2). Returns false if m differs by more than two
-// percent from a scaled rotation.
+// Removes a uniform scale and replaces m by the nearest rotation. Returns false if m differs by
+// more than two percent from a scaled rotation.
 static bool make_rotation(double m[9])
 {
     double cofactors[9];
-    const double scale = cbrt(determinant(m, cofactors));
+    const double scale = cbrt(sgsi_determinant(m, cofactors));
     if (!(scale > 0) || !isfinite(scale))
         return false;
     for (int i = 0; i < 9; ++i)
@@ -366,11 +355,7 @@ static bool make_rotation(double m[9])
                 return false;
         }
     }
-    for (int step = 0; step < 5; ++step) {
-        const double det = determinant(m, cofactors);
-        for (int i = 0; i < 9; ++i)
-            m[i] = 0.5 * (m[i] + cofactors[i] / det);
-    }
+    sgsi_nearest_rotation(m);
     return true;
 }
 
@@ -418,7 +403,7 @@ static sgs_status read_pose(const reader *r, const json_t *object, sgs_pose *pos
         rotation[3 * i + 2] = -m[i][2];
     }
     double cofactors[9];
-    if (determinant(rotation, cofactors) < 0)
+    if (sgsi_determinant(rotation, cofactors) < 0)
         return sgsi_fail(SGS_STATUS_FORMAT,
                          "%s: %s: 'transform_matrix' is mirrored; convert left-handed cameras to "
                          "right-handed ones with x right, y up, z backward",

@@ -202,7 +202,9 @@ void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
     const float pixel = options->filter == SGS_FILTER_3DGS  ? 0.3f
                         : options->filter == SGS_FILTER_MIP ? 0.1f
                                                             : 0.0f;
-    sgs_pose_center(pose, center);
+    sgs_pose exact = *pose;
+    sgs_pose_orthonormalize(&exact);
+    sgs_pose_center(&exact, center);
     *view = (sgsi_view){.rays = rays,
                         .near_distance = (float)options->near_distance + 0.0f, // no -0
                         .dilation = pixel / (rays->focal * rays->focal),
@@ -211,7 +213,7 @@ void sgsi_view_set(sgsi_view *view, const sgsi_rays *rays, const sgs_pose *pose,
                         .sh_degree = options->sh_degree,
                         .compact_box = (float)options->compact_box};
     for (int k = 0; k < 9; ++k)
-        view->rotation[k] = (float)pose->rotation[k];
+        view->rotation[k] = (float)exact.rotation[k];
     for (int k = 0; k < 3; ++k) {
         view->center[k] = (float)center[k];
         const volatile float rounded = view->center[k]; // GCC 12 takes (double)(float)x for x

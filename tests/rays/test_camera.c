@@ -577,6 +577,50 @@ static void poses_must_be_rotations_within_range(void **state)
     bad_input();
 }
 
+// A rotation with few digits: the nearest one is R times a symmetric matrix, the camera stays, and
+// an exact rotation keeps its bits.
+static void rotations_with_few_digits_become_exact(void **state)
+{
+    (void)state;
+    for (uint64_t i = 0; i < 200; ++i) {
+        double q[4];
+        const double zero[3] = {0};
+        for (uint64_t k = 0; k < 4; ++k)
+            q[k] = sgsi_random_normal(i, k);
+        sgs_pose exact, pose;
+        assert_int_equal(sgs_pose_from_quaternion(q, zero, &exact), SGS_STATUS_OK);
+        pose = exact;
+        sgs_pose_orthonormalize(&pose);
+        assert_memory_equal(&pose, &exact, sizeof pose);
+        const double digits = i % 2 ? 1e3 : 1e6,
+                     center[3] = {5e6 * sgsi_random_normal(i, 5), -12.5, 4e5};
+        double *r = pose.rotation;
+        for (int k = 0; k < 9; ++k)
+            r[k] = round(r[k] * digits) / digits;
+        const sgs_pose given = pose;
+        for (int k = 0; k < 3; ++k)
+            pose.translation[k] =
+                -(r[3 * k] * center[0] + r[3 * k + 1] * center[1] + r[3 * k + 2] * center[2]);
+        sgs_pose_orthonormalize(&pose);
+        double found[3];
+        sgs_pose_center(&pose, found);
+        for (int k = 0; k < 3; ++k)
+            assert_true(fabs(found[k] - center[k]) <= 1e-7);
+        for (int a = 0; a < 3; ++a)
+            for (int b = 0; b < 3; ++b) {
+                double unit = 0, product = 0, transposed = 0;
+                for (int k = 0; k < 3; ++k) {
+                    unit += r[3 * a + k] * r[3 * b + k];
+                    product += r[3 * k + a] * given.rotation[3 * k + b];
+                    transposed += r[3 * k + b] * given.rotation[3 * k + a];
+                }
+                assert_true(fabs(unit - (a == b)) <= 1e-14);
+                assert_true(fabs(product - transposed) <= 1e-14);
+                assert_true(fabs(r[3 * a + b] - exact.rotation[3 * a + b]) <= 1 / digits);
+            }
+    }
+}
+
 // The image of a direction is scaled equally on both axes; the central column stays central.
 static void reframing_keeps_the_pixel_aspect(void **state)
 {
@@ -603,6 +647,7 @@ int main(void)
         cmocka_unit_test(projection_equals_colmaps_formulas),
         cmocka_unit_test(axis_projects_to_the_principal_point),
         cmocka_unit_test(every_pixel_round_trips),
+        cmocka_unit_test(rotations_with_few_digits_become_exact),
         cmocka_unit_test(reframing_keeps_the_pixel_aspect),
         cmocka_unit_test(every_projected_direction_round_trips),
         cmocka_unit_test(inversion_ends_where_newton_steps_do_not),

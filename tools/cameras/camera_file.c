@@ -3,7 +3,7 @@
 
 // cameras.json as 3DGS writes it: position is the camera centre in world space, rotation the
 // camera-to-world axes, so the pose is rotation^T and -rotation^T position. A rotation that is not
-// orthonormal to 1e-3 is rejected, because it would silently shear the image. Our own files also
+// orthonormal to 1e-3 is rejected; others are replaced by the nearest exact one. Our own files also
 // have cx, cy, camera_model, params and exif_orientation; without them the principal point is the
 // image centre, and the camera a pinhole.
 //
@@ -33,6 +33,7 @@ void camera_pose(const double rotation[9], const double position[3], sgs_pose *p
             pose->translation[i] -= rotation[3 * j + i] * position[j];
         }
     }
+    sgs_pose_orthonormalize(pose);
 }
 
 sgs_camera camera_pinhole(int width, int height, double fov)

@@ -1,0 +1,320 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Intrinsics of transforms.json.
+//
+// They are global, per frame (these take precedence), or reduced to camera_angle_x and
+// camera_angle_y; without w and h the photo's size completes these (see sgsi_frame).
+//
+// A panorama has no focal length: camera_model EQUIRECTANGULAR of nerfstudio, latlong of
+// instant-ngp. Its centre is the camera axis, its upper row up. instant-ngp's equirectangular is
+// another lens: its rows are spaced by the sine of the latitude.
+
+#include "scene/transforms_lens.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/core.h"
+
+enum { MAX_SIZE = 65536 };
+
+enum key {
+    KEY_W,
+    KEY_H,
+    KEY_FL_X,
+    KEY_FL_Y,
+    KEY_CX,
+    KEY_CY,
+    KEY_K1,
+    KEY_K2,
+    KEY_K3,
+    KEY_K4,
+    KEY_K5,
+    KEY_K6,
+    KEY_P1,
+    KEY_P2,
+    KEY_ANGLE_X,
+    KEY_ANGLE_Y,
+    KEY_COUNT
+};
+
+static const char *const key_names[KEY_COUNT] = {
+    "w",  "h",  "fl_x",           "fl_y",          "cx", "cy", "k1", "k2", "k3", "k4", "k5", "k6",
+    "p1", "p2", "camera_angle_x", "camera_angle_y"};
+
+_Static_assert((int)KEY_COUNT == (int)SGSI_LENS_NUMBERS, "sgsi_lens_keys.value");
+
+// Fails for keys of instant-ngp that select a lens which is not supported.
+static sgs_status check_lens(const sgsi_transforms_reader *r, const json_t *object)
+{
+    static const char *const keys[] = {"ftheta_p0", "equirectangular"};
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i) {
+        const json_t *value = json_object_get(object, keys[i]);
+        if (value && !json_is_null(value) && !json_is_false(value))
+            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                             "%s: %s: the lens of '%s' is not supported; convert the images to "
+                             "PINHOLE, OPENCV, OPENCV_FISHEYE or 'latlong'",
+                             r->path, r->where, keys[i]);
+    }
+    return SGS_STATUS_OK;
+}
+
+static bool has_number(const json_t *object, enum key key)
+{
+    return json_is_number(json_object_get(object, key_names[key]));
+}
+
+// A field of view of a frame replaces global focal lengths, which would take precedence.
+static void drop_global_focal(const json_t *object, sgsi_lens_keys *out)
+{
+    static const enum key keys[] = {KEY_FL_X, KEY_FL_Y, KEY_ANGLE_X, KEY_ANGLE_Y};
+    if (has_number(object, KEY_FL_X) || has_number(object, KEY_FL_Y) ||
+        !(has_number(object, KEY_ANGLE_X) || has_number(object, KEY_ANGLE_Y)))
+        return;
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
+        out->value[keys[i]] = NAN;
+}
+
+sgsi_lens_keys sgsi_lens_keys_none(void)
+{
+    sgsi_lens_keys none = {.model = NULL};
+    for (int k = 0; k < KEY_COUNT; ++k)
+        none.value[k] = NAN;
+    return none;
+}
+
+sgs_status sgsi_lens_keys_read(const sgsi_transforms_reader *r, const json_t *object,
+                               sgsi_lens_keys *out)
+{
+    drop_global_focal(object, out);
+    for (int k = 0; k < KEY_COUNT; ++k) {
+        const json_t *value = json_object_get(object, key_names[k]);
+        if (!value || json_is_null(value))
+            continue;
+        if (!json_is_number(value) || !isfinite(json_number_value(value)))
+            return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a number", r->path, r->where,
+                             key_names[k]);
+        out->value[k] = json_number_value(value);
+    }
+    const json_t *model = json_object_get(object, "camera_model");
+    if (model && !json_is_string(model) && !json_is_null(model))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: 'camera_model' must be a string", r->path,
+                         r->where);
+    if (json_is_string(model))
+        out->model = json_string_value(model);
+    out->fisheye = out->fisheye || json_is_true(json_object_get(object, "is_fisheye"));
+    const json_t *panorama = json_object_get(object, "latlong");
+    if (panorama && !json_is_null(panorama))
+        out->panorama = !json_is_false(panorama);
+    return check_lens(r, object);
+}
+
+static double or_else(double value, double otherwise)
+{
+    return isnan(value) ? otherwise : value;
+}
+
+static sgs_status read_size(const sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                            sgs_camera *camera)
+{
+    const double w = in->value[KEY_W], h = in->value[KEY_H];
+    if (isnan(w) && isnan(h))
+        return SGS_STATUS_OK; // taken from the photo
+    if (!(w >= 1 && w <= MAX_SIZE && h >= 1 && h <= MAX_SIZE))
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s: image size w = %g, h = %g is not within 1 to %d pixels; correct or omit both",
+            r->path, r->where, w, h, MAX_SIZE);
+    camera->width = (int)lround(w);
+    camera->height = (int)lround(h);
+    return SGS_STATUS_OK;
+}
+
+#define PERSPECTIVE_MODELS                                                                         \
+    "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV"
+#define FISHEYE_MODELS "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE"
+
+// True if `name` is one of the names in "A, B, C".
+static bool is_listed(const char *name, const char *list)
+{
+    const size_t length = strlen(name);
+    for (const char *at = list; length; at += 2) {
+        const size_t end = strcspn(at, ",");
+        if (end == length && !strncmp(at, name, length))
+            return true;
+        at += end;
+        if (!*at)
+            break;
+    }
+    return false;
+}
+
+// The first of these distortion coefficients that is not 0, or KEY_COUNT.
+static enum key first_distortion(const sgsi_lens_keys *in, enum key from, enum key to)
+{
+    for (enum key key = from; key <= to; ++key)
+        if (or_else(in->value[key], 0) != 0)
+            return key;
+    return KEY_COUNT;
+}
+
+static sgs_status read_model(sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                             sgs_camera *camera)
+{
+    const double *v = in->value;
+    const double k1 = or_else(v[KEY_K1], 0), k2 = or_else(v[KEY_K2], 0), k3 = or_else(v[KEY_K3], 0);
+    const double k4 = or_else(v[KEY_K4], 0), p1 = or_else(v[KEY_P1], 0), p2 = or_else(v[KEY_P2], 0);
+    double *p = camera->params;
+    const char *model = in->model ? in->model : in->fisheye ? "OPENCV_FISHEYE" : "OPENCV";
+    const bool fisheye = is_listed(model, FISHEYE_MODELS);
+    const bool known = fisheye || is_listed(model, PERSPECTIVE_MODELS);
+    camera->model = SGS_CAMERA_PINHOLE;
+    if (!strcmp(model, "PINHOLE")) {
+        if (first_distortion(in, KEY_K1, KEY_P2) != KEY_COUNT && !r->ignores_distortion) {
+            sgsi_warn("%s: %s: camera model PINHOLE has no distortion; k1 to k6, p1 and p2 are "
+                      "ignored; use OPENCV if the images are distorted",
+                      r->path, r->where);
+            r->ignores_distortion = true;
+        }
+        return SGS_STATUS_OK;
+    }
+    // The rational model has k4 to k6 in its denominator.
+    const enum key excess = !known || !strcmp(model, "FULL_OPENCV")
+                                ? KEY_COUNT
+                                : first_distortion(in, fisheye ? KEY_K5 : KEY_K4, KEY_K6);
+    if (in->panorama) // of instant-ngp; the model is another one
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: 'latlong' contradicts camera model '%.64s'; remove one of them",
+                         r->path, r->where, model);
+    if (!known)
+        return sgsi_fail(
+            SGS_STATUS_UNSUPPORTED,
+            "%s: %s: camera model '%.64s' is not supported; supported: " PERSPECTIVE_MODELS
+            ", " FISHEYE_MODELS ", EQUIRECTANGULAR; undistort the images or use one of these",
+            r->path, r->where, model);
+    if (excess != KEY_COUNT)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: %s: camera model '%.64s' has no %s; %s",
+                         r->path, r->where, model, key_names[excess],
+                         fisheye ? "undistort the images" : "use FULL_OPENCV");
+    p[4] = k1;
+    p[5] = k2;
+    if (fisheye) {
+        // As in nerfstudio, p1 and p2 act on the angle, too: a thin prism lens without prism.
+        const bool tangential = p1 != 0 || p2 != 0;
+        camera->model = tangential ? SGS_CAMERA_THIN_PRISM_FISHEYE : SGS_CAMERA_OPENCV_FISHEYE;
+        p[6] = tangential ? p1 : k3;
+        p[7] = tangential ? p2 : k4;
+        p[8] = tangential ? k3 : 0;
+        p[9] = tangential ? k4 : 0;
+        return SGS_STATUS_OK;
+    }
+    p[6] = p1;
+    p[7] = p2;
+    p[8] = k3; // without k4 to k6 the denominator is 1
+    p[9] = k4;
+    p[10] = or_else(v[KEY_K5], 0);
+    p[11] = or_else(v[KEY_K6], 0);
+    camera->model = first_distortion(in, KEY_K3, KEY_K6) != KEY_COUNT   ? SGS_CAMERA_FULL_OPENCV
+                    : first_distortion(in, KEY_K1, KEY_P2) != KEY_COUNT ? SGS_CAMERA_OPENCV
+                                                                        : SGS_CAMERA_PINHOLE;
+    return SGS_STATUS_OK;
+}
+
+#define PANORAMA "EQUIRECTANGULAR"
+
+static bool is_panorama(const sgsi_lens_keys *in)
+{
+    return in->model ? !strcmp(in->model, PANORAMA) : in->panorama;
+}
+
+// nerfstudio writes w/2, h, w/2 and h/2 as fl_x, fl_y, cx and cy of a full panorama. Without a
+// size, none is known to be one of these.
+static bool is_of_panorama(const sgsi_lens_keys *in, const sgs_camera *camera)
+{
+    static const enum key keys[] = {KEY_FL_X, KEY_FL_Y, KEY_CX, KEY_CY};
+    const double full[] = {0.5 * camera->width, camera->height, 0.5 * camera->width,
+                           0.5 * camera->height};
+    bool is = true;
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i) {
+        const double value = in->value[keys[i]];
+        is = is && (isnan(value) || (camera->width && fabs(value - full[i]) <= 1.0));
+    }
+    return is;
+}
+
+// Without a size, the photo completes the camera.
+static sgs_status read_panorama(sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                                sgs_camera *camera)
+{
+    *camera = sgs_camera_equirectangular(camera->width, camera->height);
+    const bool fits =
+        is_of_panorama(in, camera) && first_distortion(in, KEY_K1, KEY_P2) == KEY_COUNT;
+    if (!fits && !r->ignores_intrinsics)
+        sgsi_warn("%s: %s: an image of " PANORAMA " shows all directions; focal length, principal "
+                  "point and distortion are ignored; correct the images if they show less",
+                  r->path, r->where);
+    r->ignores_intrinsics |= !fits;
+    return SGS_STATUS_OK;
+}
+
+// Focal length from a field of view; NaN if the angle is absent.
+static sgs_status focal_of_angle(const sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                                 enum key key, int size, double *focal)
+{
+    const double angle = in->value[key];
+    *focal = NAN;
+    if (isnan(angle))
+        return SGS_STATUS_OK;
+    if (!(angle > 0 && angle < 3.14159))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' is %g, not an angle between 0 and pi radians", r->path,
+                         r->where, key_names[key], angle);
+    if (size > 0)
+        *focal = 0.5 * size / tan(0.5 * angle);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_lens_keys_apply(sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                                sgsi_frame *frame)
+{
+    sgs_camera *camera = &frame->camera;
+    double from_x, from_y;
+    sgs_status status = read_size(r, in, camera);
+    if (!status && is_panorama(in))
+        return read_panorama(r, in, camera);
+    if (!status)
+        status = read_model(r, in, camera);
+    if (!status)
+        status = focal_of_angle(r, in, KEY_ANGLE_X, camera->width, &from_x);
+    if (!status)
+        status = focal_of_angle(r, in, KEY_ANGLE_Y, camera->height, &from_y);
+    if (status)
+        return status;
+    const double fl_x = in->value[KEY_FL_X], fl_y = in->value[KEY_FL_Y];
+    double *p = camera->params;
+    if (sgs_camera_is_fisheye(camera->model))
+        from_x = from_y = NAN; // distortion of the angle: no simple relation to the focal length
+    p[0] = or_else(fl_x, or_else(from_x, or_else(fl_y, from_y)));
+    p[1] = or_else(fl_y, isnan(fl_x) ? or_else(from_y, p[0]) : fl_x);
+    if (camera->width == 0 && isnan(fl_x) && !sgs_camera_is_fisheye(camera->model)) {
+        frame->angle_x = or_else(in->value[KEY_ANGLE_X], 0); // completed by the photo's size
+        frame->angle_y = isnan(fl_y) ? or_else(in->value[KEY_ANGLE_Y], 0) : 0;
+    }
+    if (isnan(p[0]) && sgs_camera_is_fisheye(camera->model))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: no focal length of the fisheye lens, which 'camera_angle_x' does "
+                         "not define; add 'fl_x' (pixels)",
+                         r->path, r->where);
+    if (isnan(p[0]) && !(frame->angle_x > 0 || frame->angle_y > 0))
+        return sgsi_fail(
+            SGS_STATUS_FORMAT,
+            "%s: %s: no focal length; add 'fl_x' (pixels) or 'camera_angle_x' (radians)", r->path,
+            r->where);
+    p[2] = or_else(in->value[KEY_CX], camera->width ? 0.5 * camera->width : NAN);
+    p[3] = or_else(in->value[KEY_CY], camera->width ? 0.5 * camera->height : NAN);
+    if (camera->width && sgs_camera_validate(camera))
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: %s; correct the intrinsics", r->path, r->where,
+                         sgs_last_error());
+    return SGS_STATUS_OK;
+}

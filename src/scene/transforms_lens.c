@@ -193,10 +193,12 @@ static sgs_status read_model(sgsi_transforms_reader *r, const sgsi_lens_keys *in
             "%s: %s: camera model '%.64s' is not supported; supported: " PERSPECTIVE_MODELS
             ", " FISHEYE_MODELS ", EQUIRECTANGULAR; undistort the images or use one of these",
             r->path, r->where, model);
+    // k4 alone is nerfstudio's next coefficient of the polynomial, and not that of FULL_OPENCV.
+    const bool rational = !fisheye && first_distortion(in, KEY_K5, KEY_K6) != KEY_COUNT;
     if (excess != KEY_COUNT)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: %s: camera model '%.64s' has no %s; %s",
                          r->path, r->where, model, key_names[excess],
-                         fisheye ? "undistort the images" : "use FULL_OPENCV");
+                         rational ? "use FULL_OPENCV" : "undistort the images");
     p[4] = k1;
     p[5] = k2;
     if (fisheye) {

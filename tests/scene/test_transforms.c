@@ -273,6 +273,8 @@ static const struct {
      "PINHOLE, "
      "SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE"},
     {KEYS("\"fl_x\":5,\"k4\":1"), SGS_STATUS_UNSUPPORTED,
+     "frame 0: camera model 'OPENCV' has no k4; undistort the images"},
+    {KEYS("\"fl_x\":5,\"k4\":1,\"k5\":1,\"k6\":1"), SGS_STATUS_UNSUPPORTED,
      "frame 0: camera model 'OPENCV' has no k4; use FULL_OPENCV"},
     {KEYS("\"fl_x\":5,\"is_fisheye\":true,\"k5\":1"), SGS_STATUS_UNSUPPORTED,
      "frame 0: camera model 'OPENCV_FISHEYE' has no k5; undistort the images"},

@@ -23,6 +23,7 @@
 
 #include "base/core.h"
 #include "base/path_sandbox.h"
+#include "base/plain_numbers.h"
 #include "formats/point_cloud.h"
 #include "rays/rotation.h"
 #include "scene/transforms_lens.h"
@@ -400,7 +401,7 @@ static sgs_status read_file(const char *path, sgs_split split, sgsi_dataset *dat
     return status;
 }
 
-sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset)
+static sgs_status read_files(const char *path, sgsi_dataset *dataset)
 {
     const char *suffix = "transforms_train.json";
     const size_t length = strlen(path), suffix_length = strlen(suffix);
@@ -421,5 +422,13 @@ sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset)
         status = sgsi_dataset_check_names(dataset, path, "frame");
     if (status)
         sgsi_dataset_free(dataset);
+    return status;
+}
+
+sgs_status sgsi_transforms_read(const char *path, sgsi_dataset *dataset)
+{
+    const sgsi_plain_numbers numbers = sgsi_plain_numbers_begin();
+    const sgs_status status = read_files(path, dataset);
+    sgsi_plain_numbers_end(&numbers);
     return status;
 }

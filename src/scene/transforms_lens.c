@@ -13,6 +13,7 @@
 #include "scene/transforms_lens.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/core.h"
@@ -60,9 +61,22 @@ static sgs_status check_lens(const sgsi_transforms_reader *r, const json_t *obje
     return SGS_STATUS_OK;
 }
 
+// A finite number, also as a string: older versions of nerfstudio wrote the numbers of
+// RealityCapture so. Blanks, hexadecimal numbers and words such as "inf" are none.
+static bool read_number(const json_t *value, double *number)
+{
+    const char *text = json_string_value(value);
+    char *end = NULL;
+    *number = text ? strtod(text, &end) : json_number_value(value);
+    const bool is_whole =
+        text ? *text && !*end && !text[strspn(text, "+-.0123456789eE")] : json_is_number(value);
+    return is_whole && isfinite(*number);
+}
+
 static bool has_number(const json_t *object, enum key key)
 {
-    return json_is_number(json_object_get(object, key_names[key]));
+    double number;
+    return read_number(json_object_get(object, key_names[key]), &number);
 }
 
 // A field of view of a frame replaces global focal lengths, which would take precedence.
@@ -92,10 +106,9 @@ sgs_status sgsi_lens_keys_read(const sgsi_transforms_reader *r, const json_t *ob
         const json_t *value = json_object_get(object, key_names[k]);
         if (!value || json_is_null(value))
             continue;
-        if (!json_is_number(value) || !isfinite(json_number_value(value)))
+        if (!read_number(value, &out->value[k]))
             return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: '%s' must be a number", r->path, r->where,
                              key_names[k]);
-        out->value[k] = json_number_value(value);
     }
     const json_t *model = json_object_get(object, "camera_model");
     if (model && !json_is_string(model) && !json_is_null(model))

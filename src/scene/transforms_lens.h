@@ -31,8 +31,8 @@ typedef struct sgsi_lens_keys {
 // No key is present. Cannot fail.
 sgsi_lens_keys sgsi_lens_keys_none(void);
 
-// Sets the values that are present in `object`: first of the global object, then of a frame.
-// FORMAT: a value is unusable; UNSUPPORTED: the lens.
+// Sets the values that are present in `object`, between calls of plain_numbers.h: first of the
+// global object, then of a frame. FORMAT: a value is unusable; UNSUPPORTED: the lens.
 sgs_status sgsi_lens_keys_read(const sgsi_transforms_reader *r, const json_t *object,
                                sgsi_lens_keys *out);
 

@@ -248,7 +248,7 @@ static const struct {
     {KEYS("\"w\":64,\"h\":48"), SGS_STATUS_FORMAT, "frame 0: no focal length; add 'fl_x' (pixels)"},
     {KEYS("\"w\":64"), SGS_STATUS_FORMAT,
      "frame 0: image size w = 64, h = nan is not within 1 to 65536 pixels"},
-    {KEYS("\"fl_x\":\"50\",\"w\":64,\"h\":48"), SGS_STATUS_FORMAT,
+    {KEYS("\"fl_x\":\"50px\",\"w\":64,\"h\":48"), SGS_STATUS_FORMAT,
      "the global keys: 'fl_x' must be a number"},
     {KEYS("\"fl_x\":50,\"w\":0,\"h\":48"), SGS_STATUS_FORMAT,
      "image size w = 0, h = 48 is not within"},

@@ -1,0 +1,120 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Intrinsics that programs write into transforms.json in other ways than as one number per key.
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "support/bad_input.h"
+#include "support/locale_support.h"
+#include "support/transforms_support.h"
+
+// Reads a file with these global keys and keys of its only frame.
+static sgs_status read_keys(const char *global, const char *own, sgsi_dataset *d)
+{
+    const temp_folder folder = temp_folder_make();
+    char text[1024];
+    snprintf(text, sizeof text,
+             "{%s%s\"frames\":[{%s%s\"file_path\":\"a.png\",\"transform_matrix\":"
+             "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}",
+             global, *global ? "," : "", own, *own ? "," : "");
+    tree_put_text(&folder, "transforms.json", text);
+    const sgs_status status = sgsi_transforms_read(temp_path(&folder, "transforms.json"), d);
+    tree_remove(&folder);
+    return status;
+}
+
+// Global keys, keys of the frame, and the resulting camera.
+typedef struct lens_case {
+    const char *global, *own;
+    sgs_camera camera;
+} lens_case;
+
+static void assert_cameras(const lens_case *cases, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        sgsi_dataset d;
+        if (read_keys(cases[i].global, cases[i].own, &d))
+            fail_msg("case %zu: %s", i, sgs_last_error());
+        const sgs_camera *got = &d.frames[0].camera, *expected = &cases[i].camera;
+        if (got->model != expected->model || got->width != expected->width ||
+            got->height != expected->height)
+            fail_msg("case %zu: %s %d x %d", i, sgs_camera_model_name(got->model), got->width,
+                     got->height);
+        for (int k = 0; k < 12; ++k)
+            if (!(fabs(got->params[k] - expected->params[k]) < 1e-12))
+                fail_msg("case %zu: parameter %d is %g instead of %g", i, k, got->params[k],
+                         expected->params[k]);
+        sgsi_dataset_free(&d);
+    }
+}
+
+typedef struct wrong_case {
+    const char *global, *own;
+    sgs_status status;
+    const char *message;
+} wrong_case;
+
+static void assert_refused(const wrong_case *cases, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        sgsi_dataset d;
+        if (read_keys(cases[i].global, cases[i].own, &d) != cases[i].status)
+            fail_msg("case %zu (%s): %s", i, cases[i].message, sgs_last_error());
+        assert_holds(sgs_last_error(), cases[i].message);
+        bad_input();
+    }
+}
+
+#define COUNT(array) (sizeof(array) / sizeof *(array))
+
+static void numbers_may_be_strings(void **state)
+{
+    (void)state;
+    static const lens_case cases[] = {
+        {"\"fl_x\":\"50\",\"fl_y\":\"5.1e+1\",\"w\":\"64\",\"h\":48",
+         "\"k1\":\"-0.0721\",\"p2\":\"+.25\",\"k2\":\"0\"",
+         {SGS_CAMERA_OPENCV, 64, 48, {50, 51, 32, 24, -0.0721, 0, 0, 0.25}}},
+        // A field of view of the frame replaces the global focal length.
+        {"\"fl_x\":50,\"w\":64,\"h\":48",
+         "\"camera_angle_x\":\"1.5707963267948966\"",
+         {SGS_CAMERA_PINHOLE, 64, 48, {32, 32, 32, 24}}},
+    };
+    assert_cameras(cases, COUNT(cases));
+    if (decimal_comma_set()) {
+        assert_cameras(cases, COUNT(cases));
+        decimal_comma_unset();
+    }
+}
+
+static void other_strings_are_no_numbers(void **state)
+{
+    (void)state;
+    static const char *const words[] = {"",    "five", "50mm", " 50", "50 ",   "5,0", "0x32",
+                                        "inf", "nan",  "1.2.", "--5", "1e999", "e",   "1e"};
+    for (size_t i = 0; i < COUNT(words); ++i) {
+        char keys[64];
+        snprintf(keys, sizeof keys, "\"fl_x\":50,\"k1\":\"%s\"", words[i]);
+        assert_refused(&(wrong_case){keys, "", SGS_STATUS_FORMAT,
+                                     "transforms.json: the global keys: 'k1' must be a number"},
+                       1);
+    }
+    assert_refused(&(wrong_case){"\"fl_x\":50", "\"k1\":true", SGS_STATUS_FORMAT,
+                                 "transforms.json: frame 0: 'k1' must be a number"},
+                   1);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(numbers_may_be_strings, warnings_begin),
+        cmocka_unit_test_setup(other_strings_are_no_numbers, warnings_begin),
+    };
+    return cmocka_run_group_tests_name("transforms_lens", tests, NULL, NULL);
+}

@@ -46,6 +46,26 @@ static const char *const key_names[KEY_COUNT] = {
 
 _Static_assert((int)KEY_COUNT == (int)SGSI_LENS_NUMBERS, "sgsi_lens_keys.value");
 
+#define PERSPECTIVE_MODELS                                                                         \
+    "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV"
+#define FISHEYE_MODELS "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE"
+#define PANORAMA "EQUIRECTANGULAR"
+
+// True if `name` is one of the names in "A, B, C".
+static bool is_listed(const char *name, const char *list)
+{
+    const size_t length = strlen(name);
+    for (const char *at = list; length; at += 2) {
+        const size_t end = strcspn(at, ",");
+        if (end == length && !strncmp(at, name, length))
+            return true;
+        at += end;
+        if (!*at)
+            break;
+    }
+    return false;
+}
+
 // Fails for keys of instant-ngp that select a lens which is not supported.
 static sgs_status check_lens(const sgsi_transforms_reader *r, const json_t *object)
 {
@@ -98,6 +118,32 @@ sgsi_lens_keys sgsi_lens_keys_none(void)
     return none;
 }
 
+static bool is_known(const char *model)
+{
+    return is_listed(model, PERSPECTIVE_MODELS) || is_listed(model, FISHEYE_MODELS) ||
+           !strcmp(model, PANORAMA);
+}
+
+// nerfstudio's list of all coefficients, which takes precedence over the keys k1 to p2 beside it.
+// Lists of models that are refused have other lengths.
+static sgs_status read_distortion(const sgsi_transforms_reader *r, const json_t *object,
+                                  sgsi_lens_keys *out)
+{
+    static const enum key keys[] = {KEY_K1, KEY_K2, KEY_K3, KEY_K4, KEY_P1, KEY_P2};
+    const size_t count = sizeof keys / sizeof *keys;
+    const json_t *list = json_object_get(object, "distortion_params");
+    if (!list || json_is_null(list) || (out->model && !is_known(out->model)))
+        return SGS_STATUS_OK;
+    bool good = json_array_size(list) == count; // 0 if not an array
+    for (size_t i = 0; i < count && good; ++i)
+        good = read_number(json_array_get(list, i), &out->value[keys[i]]);
+    return good ? SGS_STATUS_OK
+                : sgsi_fail(SGS_STATUS_FORMAT,
+                            "%s: %s: 'distortion_params' must be a list of 6 numbers, k1, k2, k3, "
+                            "k4, p1 and p2",
+                            r->path, r->where);
+}
+
 sgs_status sgsi_lens_keys_read(const sgsi_transforms_reader *r, const json_t *object,
                                sgsi_lens_keys *out)
 {
@@ -120,7 +166,8 @@ sgs_status sgsi_lens_keys_read(const sgsi_transforms_reader *r, const json_t *ob
     const json_t *panorama = json_object_get(object, "latlong");
     if (panorama && !json_is_null(panorama))
         out->panorama = !json_is_false(panorama);
-    return check_lens(r, object);
+    const sgs_status status = check_lens(r, object);
+    return status ? status : read_distortion(r, object, out);
 }
 
 static double or_else(double value, double otherwise)
@@ -142,25 +189,6 @@ static sgs_status read_size(const sgsi_transforms_reader *r, const sgsi_lens_key
     camera->width = (int)lround(w);
     camera->height = (int)lround(h);
     return SGS_STATUS_OK;
-}
-
-#define PERSPECTIVE_MODELS                                                                         \
-    "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, PERSPECTIVE, OPENCV, FULL_OPENCV"
-#define FISHEYE_MODELS "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE"
-
-// True if `name` is one of the names in "A, B, C".
-static bool is_listed(const char *name, const char *list)
-{
-    const size_t length = strlen(name);
-    for (const char *at = list; length; at += 2) {
-        const size_t end = strcspn(at, ",");
-        if (end == length && !strncmp(at, name, length))
-            return true;
-        at += end;
-        if (!*at)
-            break;
-    }
-    return false;
 }
 
 // The first of these distortion coefficients that is not 0, or KEY_COUNT.
@@ -235,8 +263,6 @@ static sgs_status read_model(sgsi_transforms_reader *r, const sgsi_lens_keys *in
                                                                         : SGS_CAMERA_PINHOLE;
     return SGS_STATUS_OK;
 }
-
-#define PANORAMA "EQUIRECTANGULAR"
 
 static bool is_panorama(const sgsi_lens_keys *in)
 {

@@ -110,11 +110,76 @@ static void other_strings_are_no_numbers(void **state)
                    1);
 }
 
+#define SIZED "\"fl_x\":50,\"w\":64,\"h\":48"
+#define LIST "\"distortion_params\":"
+
+// nerfstudio: [k1, k2, k3, k4, p1, p2], preferred to k1, ..., p2 (nerfstudio_dataparser.py).
+static void distortion_may_be_a_list(void **state)
+{
+    (void)state;
+    static const lens_case cases[] = {
+        {SIZED "," LIST "[0.1,0.2,0,0,0.3,0.4]",
+         "",
+         {SGS_CAMERA_OPENCV, 64, 48, {50, 50, 32, 24, 0.1, 0.2, 0.3, 0.4}}},
+        {SIZED "," LIST "[0.1,0.2,0.5,0,0.3,0.4]",
+         "",
+         {SGS_CAMERA_FULL_OPENCV, 64, 48, {50, 50, 32, 24, 0.1, 0.2, 0.3, 0.4, 0.5}}},
+        {SIZED ",\"k1\":9,\"k2\":9,\"p1\":9," LIST "[0.1,0,0,0,0,0]",
+         "",
+         {SGS_CAMERA_OPENCV, 64, 48, {50, 50, 32, 24, 0.1}}},
+        {SIZED ",\"camera_model\":\"OPENCV_FISHEYE\",\"k1\":9",
+         LIST "[0.1,0.2,0.3,0.4,0,0],\"k2\":9",
+         {SGS_CAMERA_OPENCV_FISHEYE, 64, 48, {50, 50, 32, 24, 0.1, 0.2, 0.3, 0.4}}},
+        {SIZED "," LIST "[0.1,0.2,0,0,0,0]",
+         LIST "[0.5,0,0,0,0,\"0.6\"]",
+         {SGS_CAMERA_OPENCV, 64, 48, {50, 50, 32, 24, 0.5, 0, 0, 0.6}}},
+        {SIZED "," LIST "[0.1,0.2,0,0,0,0]",
+         "\"k1\":0.7",
+         {SGS_CAMERA_OPENCV, 64, 48, {50, 50, 32, 24, 0.7, 0.2}}},
+        {SIZED "," LIST "null", "", {SGS_CAMERA_PINHOLE, 64, 48, {50, 50, 32, 24}}},
+    };
+    assert_cameras(cases, COUNT(cases));
+}
+
+static void lists_of_other_lengths_are_refused(void **state)
+{
+    (void)state;
+    static const char *const lists[] = {"[]",
+                                        "0.1",
+                                        "[0.1,0.2,0.3,0.4]",
+                                        "[0.1,0.2,0,0,0,0,0]",
+                                        "{\"k1\":0.1}",
+                                        "[0.1,0.2,null,0,0,0]",
+                                        "[0.1,0.2,0,0,0,\"x\"]",
+                                        "[[0.1,0.2,0,0,0,0]]"};
+    for (size_t i = 0; i < COUNT(lists); ++i) {
+        char keys[128];
+        snprintf(keys, sizeof keys, SIZED "," LIST "%s", lists[i]);
+        assert_refused(&(wrong_case){keys, "", SGS_STATUS_FORMAT,
+                                     "transforms.json: the global keys: 'distortion_params' must "
+                                     "be a list of 6 numbers, k1, k2, k3, k4, p1 and p2"},
+                       1);
+    }
+    static const wrong_case refused[] = {
+        {SIZED, LIST "[1]", SGS_STATUS_FORMAT, "frame 0: 'distortion_params' must be a list"},
+        {SIZED "," LIST "[0.1,0.2,0,0.4,0,0]", "", SGS_STATUS_UNSUPPORTED,
+         "frame 0: camera model 'OPENCV' has no k4; undistort the images"},
+        // Project Aria: 12 coefficients.
+        {SIZED ",\"camera_model\":\"FISHEYE624\"", LIST "[1,2,3,4,5,6,7,8,9,10,11,12]",
+         SGS_STATUS_UNSUPPORTED, "frame 0: camera model 'FISHEYE624' is not supported"},
+        {SIZED ",\"camera_model\":\"FISHEYE624\"," LIST "[1,2,3,4,5,6,7,8,9,10,11,12]", "",
+         SGS_STATUS_UNSUPPORTED, "frame 0: camera model 'FISHEYE624' is not supported"},
+    };
+    assert_refused(refused, COUNT(refused));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(numbers_may_be_strings, warnings_begin),
         cmocka_unit_test_setup(other_strings_are_no_numbers, warnings_begin),
+        cmocka_unit_test_setup(distortion_may_be_a_list, warnings_begin),
+        cmocka_unit_test_setup(lists_of_other_lengths_are_refused, warnings_begin),
     };
     return cmocka_run_group_tests_name("transforms_lens", tests, NULL, NULL);
 }

@@ -4,7 +4,8 @@
 // Intrinsics of transforms.json.
 //
 // They are global, per frame (these take precedence), or reduced to camera_angle_x and
-// camera_angle_y; without w and h the photo's size completes these (see sgsi_frame).
+// camera_angle_y, or x_fov and y_fov of instant-ngp (degrees); without w and h the photo's size
+// completes these (see sgsi_frame).
 //
 // A panorama has no focal length: camera_model EQUIRECTANGULAR of nerfstudio, latlong of
 // instant-ngp. Its centre is the camera axis, its upper row up. instant-ngp's equirectangular is
@@ -37,12 +38,29 @@ enum key {
     KEY_P2,
     KEY_ANGLE_X,
     KEY_ANGLE_Y,
+    KEY_FOV_X,
+    KEY_FOV_Y,
     KEY_COUNT
 };
 
-static const char *const key_names[KEY_COUNT] = {
-    "w",  "h",  "fl_x",           "fl_y",          "cx", "cy", "k1", "k2", "k3", "k4", "k5", "k6",
-    "p1", "p2", "camera_angle_x", "camera_angle_y"};
+static const char *const key_names[KEY_COUNT] = {"w",
+                                                 "h",
+                                                 "fl_x",
+                                                 "fl_y",
+                                                 "cx",
+                                                 "cy",
+                                                 "k1",
+                                                 "k2",
+                                                 "k3",
+                                                 "k4",
+                                                 "k5",
+                                                 "k6",
+                                                 "p1",
+                                                 "p2",
+                                                 "camera_angle_x",
+                                                 "camera_angle_y",
+                                                 "x_fov",
+                                                 "y_fov"};
 
 _Static_assert((int)KEY_COUNT == (int)SGSI_LENS_NUMBERS, "sgsi_lens_keys.value");
 
@@ -66,18 +84,30 @@ static bool is_listed(const char *name, const char *list)
     return false;
 }
 
-// Fails for keys of instant-ngp that select a lens which is not supported.
+static bool is_set(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+    return value && !json_is_null(value) && !json_is_false(value);
+}
+
+// Fails for keys of instant-ngp that select a lens or camera axes which are not supported.
+// "from_mitsuba": false overrides normal_mts_args.
 static sgs_status check_lens(const sgsi_transforms_reader *r, const json_t *object)
 {
-    static const char *const keys[] = {"ftheta_p0", "equirectangular"};
-    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i) {
-        const json_t *value = json_object_get(object, keys[i]);
-        if (value && !json_is_null(value) && !json_is_false(value))
+    static const char *const keys[] = {"ftheta_p0", "equirectangular", "orthographic"};
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
+        if (is_set(object, keys[i]))
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                              "%s: %s: the lens of '%s' is not supported; convert the images to "
                              "PINHOLE, OPENCV, OPENCV_FISHEYE or 'latlong'",
                              r->path, r->where, keys[i]);
-    }
+    const bool from_mitsuba = is_set(object, "from_mitsuba");
+    if (from_mitsuba || (is_set(object, "normal_mts_args") &&
+                         !json_is_false(json_object_get(object, "from_mitsuba"))))
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: %s: the camera axes of Mitsuba ('%s') are not supported; convert "
+                         "'transform_matrix' to x right, y up, z backward and remove the key",
+                         r->path, r->where, from_mitsuba ? "from_mitsuba" : "normal_mts_args");
     return SGS_STATUS_OK;
 }
 
@@ -99,15 +129,23 @@ static bool has_number(const json_t *object, enum key key)
     return read_number(json_object_get(object, key_names[key]), &number);
 }
 
-// A field of view of a frame replaces global focal lengths, which would take precedence.
+// A field of view of a frame replaces global focal lengths, which would take precedence; a focal
+// length replaces a global field of view in degrees, which would contradict it.
 static void drop_global_focal(const json_t *object, sgsi_lens_keys *out)
 {
-    static const enum key keys[] = {KEY_FL_X, KEY_FL_Y, KEY_ANGLE_X, KEY_ANGLE_Y};
-    if (has_number(object, KEY_FL_X) || has_number(object, KEY_FL_Y) ||
-        !(has_number(object, KEY_ANGLE_X) || has_number(object, KEY_ANGLE_Y)))
+    static const enum key focal[] = {KEY_FL_X, KEY_FL_Y},
+                          fields[] = {KEY_ANGLE_X, KEY_ANGLE_Y, KEY_FOV_X, KEY_FOV_Y};
+    bool has_focal = false, has_field = false;
+    for (size_t i = 0; i < sizeof focal / sizeof *focal; ++i)
+        has_focal |= has_number(object, focal[i]);
+    for (size_t i = 0; i < sizeof fields / sizeof *fields; ++i)
+        has_field |= has_number(object, fields[i]);
+    if (has_focal || has_field)
+        out->value[KEY_FOV_X] = out->value[KEY_FOV_Y] = NAN;
+    if (has_focal || !has_field)
         return;
-    for (size_t i = 0; i < sizeof keys / sizeof *keys; ++i)
-        out->value[keys[i]] = NAN;
+    out->value[KEY_FL_X] = out->value[KEY_FL_Y] = NAN;
+    out->value[KEY_ANGLE_X] = out->value[KEY_ANGLE_Y] = NAN;
 }
 
 sgsi_lens_keys sgsi_lens_keys_none(void)
@@ -299,52 +337,79 @@ static sgs_status read_panorama(sgsi_transforms_reader *r, const sgsi_lens_keys 
     return SGS_STATUS_OK;
 }
 
-// Focal length from a field of view; NaN if the angle is absent.
-static sgs_status focal_of_angle(const sgsi_transforms_reader *r, const sgsi_lens_keys *in,
-                                 enum key key, int size, double *focal)
+// Along an axis: its keys, the extent of the image (0 = that of the photo), and what the keys say.
+typedef struct lens_axis {
+    enum key focal_key, angle_key, degrees_key;
+    int size;
+    double focal, angle, from_angle; // pixels, radians, pixels; NaN if absent
+} lens_axis;
+
+// instant-ngp prefers x_fov to fl_x, nerfstudio fl_x, so both must be equal but for rounding.
+static sgs_status check_degrees(const sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                                const lens_axis *axis)
 {
-    const double angle = in->value[key];
-    *focal = NAN;
-    if (isnan(angle))
-        return SGS_STATUS_OK;
-    if (!(angle > 0 && angle < 3.14159))
+    const double degrees = in->value[axis->degrees_key];
+    const char *name = key_names[axis->degrees_key];
+    if (!(degrees > 0 && degrees < 180))
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s: '%s' is %g, not an angle between 0 and pi radians", r->path,
-                         r->where, key_names[key], angle);
-    if (size > 0)
-        *focal = 0.5 * size / tan(0.5 * angle);
+                         "%s: %s: '%s' is %g, not an angle between 0 and 180 degrees", r->path,
+                         r->where, name, degrees);
+    if (!axis->size && (!isnan(in->value[KEY_FL_X]) || !isnan(in->value[KEY_FL_Y])))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' beside a focal length in pixels requires 'w' and 'h'; add "
+                         "them, or remove it",
+                         r->path, r->where, name);
+    if (fabs(axis->from_angle - axis->focal) > 0.005 * axis->focal)
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' is %g degrees, a focal length of %g pixels, but '%s' is "
+                         "%g; remove one of them",
+                         r->path, r->where, name, degrees, axis->from_angle,
+                         key_names[axis->focal_key], axis->focal);
     return SGS_STATUS_OK;
 }
 
-sgs_status sgsi_lens_keys_apply(sgsi_transforms_reader *r, const sgsi_lens_keys *in,
-                                sgsi_frame *frame)
+static sgs_status read_axis(const sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                            lens_axis *axis)
 {
-    sgs_camera *camera = &frame->camera;
-    double from_x, from_y;
-    sgs_status status = read_size(r, in, camera);
-    if (!status && is_panorama(in))
-        return read_panorama(r, in, camera);
+    const double degrees = in->value[axis->degrees_key];
+    axis->focal = in->value[axis->focal_key];
+    axis->angle = in->value[axis->angle_key];
+    if (!isnan(axis->angle) && !(axis->angle > 0 && axis->angle < 3.14159))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' is %g, not an angle between 0 and pi radians", r->path,
+                         r->where, key_names[axis->angle_key], axis->angle);
+    if (!isnan(degrees))
+        axis->angle = degrees * (3.14159265358979324 / 180);
+    axis->from_angle = axis->size > 0 ? 0.5 * axis->size / tan(0.5 * axis->angle) : NAN;
+    return isnan(degrees) ? SGS_STATUS_OK : check_degrees(r, in, axis);
+}
+
+// Focal lengths, or the angles by which the photo's size completes them.
+static sgs_status read_focal(const sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                             sgsi_frame *frame)
+{
+    const sgs_camera *camera = &frame->camera;
+    double *p = frame->camera.params;
+    lens_axis x = {KEY_FL_X, KEY_ANGLE_X, KEY_FOV_X, camera->width, NAN, NAN, NAN};
+    lens_axis y = {KEY_FL_Y, KEY_ANGLE_Y, KEY_FOV_Y, camera->height, NAN, NAN, NAN};
+    sgs_status status = read_axis(r, in, &x);
     if (!status)
-        status = read_model(r, in, camera);
-    if (!status)
-        status = focal_of_angle(r, in, KEY_ANGLE_X, camera->width, &from_x);
-    if (!status)
-        status = focal_of_angle(r, in, KEY_ANGLE_Y, camera->height, &from_y);
+        status = read_axis(r, in, &y);
     if (status)
         return status;
-    const double fl_x = in->value[KEY_FL_X], fl_y = in->value[KEY_FL_Y];
-    double *p = camera->params;
-    if (sgs_camera_is_fisheye(camera->model))
-        from_x = from_y = NAN; // distortion of the angle: no simple relation to the focal length
-    p[0] = or_else(fl_x, or_else(from_x, or_else(fl_y, from_y)));
-    p[1] = or_else(fl_y, isnan(fl_x) ? or_else(from_y, p[0]) : fl_x);
-    if (camera->width == 0 && isnan(fl_x) && !sgs_camera_is_fisheye(camera->model)) {
-        frame->angle_x = or_else(in->value[KEY_ANGLE_X], 0); // completed by the photo's size
-        frame->angle_y = isnan(fl_y) ? or_else(in->value[KEY_ANGLE_Y], 0) : 0;
+    const bool fisheye = sgs_camera_is_fisheye(camera->model);
+    if (fisheye) // distortion of the angle: no simple relation to the focal length
+        x.from_angle = y.from_angle = NAN;
+    const bool is_square = !isnan(x.focal) && isnan(in->value[KEY_FOV_Y]);
+    p[0] = or_else(x.focal, or_else(x.from_angle, or_else(y.focal, y.from_angle)));
+    p[1] = or_else(y.focal, is_square ? x.focal : or_else(y.from_angle, p[0]));
+    if (camera->width == 0 && isnan(x.focal) && !fisheye) {
+        frame->angle_x = or_else(x.angle, 0); // completed by the photo's size
+        frame->angle_y = isnan(y.focal) ? or_else(y.angle, 0) : 0;
     }
-    if (isnan(p[0]) && sgs_camera_is_fisheye(camera->model))
+    if (isnan(p[0]) && fisheye)
         return sgsi_fail(SGS_STATUS_FORMAT,
-                         "%s: %s: no focal length of the fisheye lens, which 'camera_angle_x' does "
+                         "%s: %s: no focal length of the fisheye lens, which a field of view does "
                          "not define; add 'fl_x' (pixels)",
                          r->path, r->where);
     if (isnan(p[0]) && !(frame->angle_x > 0 || frame->angle_y > 0))
@@ -352,8 +417,24 @@ sgs_status sgsi_lens_keys_apply(sgsi_transforms_reader *r, const sgsi_lens_keys 
             SGS_STATUS_FORMAT,
             "%s: %s: no focal length; add 'fl_x' (pixels) or 'camera_angle_x' (radians)", r->path,
             r->where);
-    p[2] = or_else(in->value[KEY_CX], camera->width ? 0.5 * camera->width : NAN);
-    p[3] = or_else(in->value[KEY_CY], camera->width ? 0.5 * camera->height : NAN);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_lens_keys_apply(sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                                sgsi_frame *frame)
+{
+    sgs_camera *camera = &frame->camera;
+    sgs_status status = read_size(r, in, camera);
+    if (!status && is_panorama(in))
+        return read_panorama(r, in, camera);
+    if (!status)
+        status = read_model(r, in, camera);
+    if (!status)
+        status = read_focal(r, in, frame);
+    if (status)
+        return status;
+    camera->params[2] = or_else(in->value[KEY_CX], camera->width ? 0.5 * camera->width : NAN);
+    camera->params[3] = or_else(in->value[KEY_CY], camera->width ? 0.5 * camera->height : NAN);
     if (camera->width && sgs_camera_validate(camera))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: %s: %s; correct the intrinsics", r->path, r->where,
                          sgs_last_error());

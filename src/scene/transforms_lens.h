@@ -18,7 +18,7 @@ typedef struct sgsi_transforms_reader {
     bool ignores_intrinsics; // of a panorama; warned
 } sgsi_transforms_reader;
 
-enum { SGSI_LENS_NUMBERS = 16 };
+enum { SGSI_LENS_NUMBERS = 18 };
 
 // Intrinsics as the keys state them. `model` belongs to the JSON object.
 typedef struct sgsi_lens_keys {

@@ -265,7 +265,7 @@ static const struct {
     {KEYS("\"camera_angle_x\":57"), SGS_STATUS_FORMAT,
      "frame 0: 'camera_angle_x' is 57, not an angle"},
     {KEYS("\"camera_angle_x\":1,\"camera_model\":\"OPENCV_FISHEYE\""), SGS_STATUS_FORMAT,
-     "frame 0: no focal length of the fisheye lens, which 'camera_angle_x' does not define"},
+     "frame 0: no focal length of the fisheye lens, which a field of view does not define"},
     {KEYS("\"fl_x\":5,\"camera_model\":7"), SGS_STATUS_FORMAT,
      "the global keys: 'camera_model' must be a string"},
     {KEYS("\"fl_x\":5,\"camera_model\":\"VR180_L\""), SGS_STATUS_UNSUPPORTED,

@@ -173,6 +173,92 @@ static void lists_of_other_lengths_are_refused(void **state)
     assert_refused(refused, COUNT(refused));
 }
 
+// Degrees. 90 of 64 pixels are a focal length of 32, 2 atan(1/2) of 48 pixels one of 48.
+#define FOV_X "\"x_fov\":90"
+#define FOV_Y "\"y_fov\":53.13010235415598"
+#define SIZE "\"w\":64,\"h\":48"
+
+static void fields_of_view_may_be_in_degrees(void **state)
+{
+    (void)state;
+    static const lens_case cases[] = {
+        {SIZE "," FOV_X, "", {SGS_CAMERA_PINHOLE, 64, 48, {32, 32, 32, 24}}},
+        {SIZE "," FOV_Y, "", {SGS_CAMERA_PINHOLE, 64, 48, {48, 48, 32, 24}}},
+        {SIZE "," FOV_X "," FOV_Y, "", {SGS_CAMERA_PINHOLE, 64, 48, {32, 48, 32, 24}}},
+        // instant-ngp: x_fov, else fl_x, else camera_angle_x, for each axis (nerf_loader.cu).
+        {SIZE "," FOV_X ",\"camera_angle_x\":1",
+         "",
+         {SGS_CAMERA_PINHOLE, 64, 48, {32, 32, 32, 24}}},
+        {SIZE "," FOV_X ",\"fl_y\":50", "", {SGS_CAMERA_PINHOLE, 64, 48, {32, 50, 32, 24}}},
+        {SIZE "," FOV_Y ",\"fl_x\":50", "", {SGS_CAMERA_PINHOLE, 64, 48, {50, 48, 32, 24}}},
+        // Equal but for rounding: the focal length.
+        {SIZE "," FOV_X ",\"fl_x\":32.1", "", {SGS_CAMERA_PINHOLE, 64, 48, {32.1, 32.1, 32, 24}}},
+        // Those of a frame replace the global ones.
+        {SIZE ",\"fl_x\":70,\"fl_y\":71", FOV_X, {SGS_CAMERA_PINHOLE, 64, 48, {32, 32, 32, 24}}},
+        {SIZE "," FOV_X "," FOV_Y, "\"fl_x\":70", {SGS_CAMERA_PINHOLE, 64, 48, {70, 70, 32, 24}}},
+        {SIZE ",\"x_fov\":20,\"y_fov\":20",
+         "\"camera_angle_x\":1.5707963267948966",
+         {SGS_CAMERA_PINHOLE, 64, 48, {32, 32, 32, 24}}},
+    };
+    assert_cameras(cases, COUNT(cases));
+    sgsi_dataset d;
+    assert_int_equal(read_keys(FOV_X ",\"camera_angle_y\":0.5", "", &d), SGS_STATUS_OK);
+    assert_int_equal(d.frames[0].camera.width, 0); // the photo's size completes it
+    assert_true(fabs(d.frames[0].angle_x - 1.5707963267948966) < 1e-15);
+    assert_true(d.frames[0].angle_y == 0.5);
+    sgsi_dataset_free(&d);
+}
+
+static void contradicting_fields_of_view_are_refused(void **state)
+{
+    (void)state;
+    static const wrong_case cases[] = {
+        {SIZE "," FOV_X ",\"fl_x\":50", "", SGS_STATUS_FORMAT,
+         "transforms.json: frame 0: 'x_fov' is 90 degrees, a focal length of 32 pixels, but "
+         "'fl_x' is 50; remove one of them"},
+        {SIZE, "\"fl_y\":40," FOV_Y, SGS_STATUS_FORMAT,
+         "frame 0: 'y_fov' is 53.1301 degrees, a focal length of 48 pixels, but 'fl_y' is 40"},
+        {SIZE ",\"x_fov\":180", "", SGS_STATUS_FORMAT,
+         "frame 0: 'x_fov' is 180, not an angle between 0 and 180 degrees"},
+        {SIZE, "\"y_fov\":0", SGS_STATUS_FORMAT, "frame 0: 'y_fov' is 0, not an angle"},
+        {FOV_X ",\"fl_x\":32", "", SGS_STATUS_FORMAT,
+         "frame 0: 'x_fov' beside a focal length in pixels requires 'w' and 'h'; add them"},
+        {FOV_Y ",\"fl_x\":32", "", SGS_STATUS_FORMAT, "frame 0: 'y_fov' beside a focal length"},
+        {SIZE ",\"is_fisheye\":true," FOV_X, "", SGS_STATUS_FORMAT,
+         "frame 0: no focal length of the fisheye lens, which a field of view does not define"},
+        {SIZE ",\"x_fov\":\"wide\"", "", SGS_STATUS_FORMAT,
+         "the global keys: 'x_fov' must be a number"},
+    };
+    assert_refused(cases, COUNT(cases));
+}
+
+static void lenses_and_axes_of_instant_ngp_are_refused(void **state)
+{
+    (void)state;
+    static const wrong_case cases[] = {
+        {SIZED ",\"orthographic\":true", "", SGS_STATUS_UNSUPPORTED,
+         "transforms.json: the global keys: the lens of 'orthographic' is not supported; convert"},
+        {SIZED, "\"orthographic\":1", SGS_STATUS_UNSUPPORTED,
+         "frame 0: the lens of 'orthographic'"},
+        {SIZED ",\"from_mitsuba\":true", "", SGS_STATUS_UNSUPPORTED,
+         "transforms.json: the global keys: the camera axes of Mitsuba ('from_mitsuba') are not "
+         "supported; convert 'transform_matrix' to x right, y up, z backward and remove the key"},
+        {SIZED ",\"normal_mts_args\":[]", "", SGS_STATUS_UNSUPPORTED,
+         "the camera axes of Mitsuba ('normal_mts_args') are not supported"},
+    };
+    assert_refused(cases, COUNT(cases));
+    static const lens_case accepted[] = {
+        {SIZED ",\"orthographic\":false,\"from_mitsuba\":null",
+         "",
+         {SGS_CAMERA_PINHOLE, 64, 48, {50, 50, 32, 24}}},
+        // As in instant-ngp, false overrides the arguments of the Mitsuba renderer.
+        {SIZED ",\"normal_mts_args\":[\"-o\"],\"from_mitsuba\":false",
+         "",
+         {SGS_CAMERA_PINHOLE, 64, 48, {50, 50, 32, 24}}},
+    };
+    assert_cameras(accepted, COUNT(accepted));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -180,6 +266,9 @@ int main(void)
         cmocka_unit_test_setup(other_strings_are_no_numbers, warnings_begin),
         cmocka_unit_test_setup(distortion_may_be_a_list, warnings_begin),
         cmocka_unit_test_setup(lists_of_other_lengths_are_refused, warnings_begin),
+        cmocka_unit_test_setup(fields_of_view_may_be_in_degrees, warnings_begin),
+        cmocka_unit_test_setup(contradicting_fields_of_view_are_refused, warnings_begin),
+        cmocka_unit_test_setup(lenses_and_axes_of_instant_ngp_are_refused, warnings_begin),
     };
     return cmocka_run_group_tests_name("transforms_lens", tests, NULL, NULL);
 }

@@ -6,6 +6,7 @@
 
 #include "image/mask.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "base/core.h"
@@ -160,29 +161,37 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bo
     return status;
 }
 
-static bool has_ray(const sgs_camera *camera, int x, int y)
+typedef struct lens_rows {
+    const sgs_camera *camera;
+    double circle; // 0 = none
+    uint16_t *valid_mask;
+} lens_rows;
+
+static bool has_ray(const lens_rows *rows, int x, int y)
 {
+    const sgs_camera *camera = rows->camera;
+    const double center_x = x + 0.5, center_y = y + 0.5;
     double direction[3];
-    return sgs_camera_unproject(camera, (double[2]){x + 0.5, y + 0.5}, direction);
+    // The corner that is farthest from the image centre.
+    if (rows->circle > 0 && hypot(fabs(center_x - 0.5 * camera->width) + 0.5,
+                                  fabs(center_y - 0.5 * camera->height) + 0.5) > rows->circle)
+        return false;
+    return sgs_camera_unproject(camera, (double[2]){center_x, center_y}, direction);
 }
 
 // The valid image of a lens is the image of a disc under a continuous injection, so it has no
-// holes. If the whole border is inside, every pixel is.
-static bool border_has_rays(const sgs_camera *camera)
+// holes, and neither has the circle. If the whole border is inside, every pixel is.
+static bool border_has_rays(const lens_rows *rows)
 {
-    for (int x = 0; x < camera->width; ++x)
-        if (!has_ray(camera, x, 0) || !has_ray(camera, x, camera->height - 1))
+    const int width = rows->camera->width, height = rows->camera->height;
+    for (int x = 0; x < width; ++x)
+        if (!has_ray(rows, x, 0) || !has_ray(rows, x, height - 1))
             return false;
-    for (int y = 0; y < camera->height; ++y)
-        if (!has_ray(camera, 0, y) || !has_ray(camera, camera->width - 1, y))
+    for (int y = 0; y < height; ++y)
+        if (!has_ray(rows, 0, y) || !has_ray(rows, width - 1, y))
             return false;
     return true;
 }
-
-typedef struct lens_rows {
-    const sgs_camera *camera;
-    uint16_t *valid_mask;
-} lens_rows;
 
 static void lens_row(void *context, size_t y, int thread)
 {
@@ -190,20 +199,23 @@ static void lens_row(void *context, size_t y, int thread)
     const lens_rows *rows = context;
     uint16_t *row = rows->valid_mask + y * sgs_mask_words(rows->camera->width);
     for (int x = 0; x < rows->camera->width; ++x)
-        if (!has_ray(rows->camera, x, (int)y))
+        if (!has_ray(rows, x, (int)y))
             row[x / 16] &= (uint16_t) ~(1u << x % 16);
 }
 
-sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask, size_t *rays)
+sgs_status sgsi_mask_of_lens(const sgs_camera *camera, double circle, uint16_t **valid_mask,
+                             size_t *rays)
 {
+    lens_rows rows = {.camera = camera, .circle = circle};
     *valid_mask = NULL;
     *rays = (size_t)camera->width * (size_t)camera->height;
-    if (border_has_rays(camera))
+    if (border_has_rays(&rows))
         return SGS_STATUS_OK;
     const sgs_status status = create(camera->width, camera->height, valid_mask);
     if (status)
         return status;
-    sgsi_parallel_for((size_t)camera->height, 8, lens_row, &(lens_rows){camera, *valid_mask});
+    rows.valid_mask = *valid_mask;
+    sgsi_parallel_for((size_t)camera->height, 8, lens_row, &rows);
     *rays = sgsi_mask_count(*valid_mask, camera->width, camera->height);
     return SGS_STATUS_OK;
 }

@@ -40,8 +40,10 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bo
 void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y);
 
 // Mask of the pixels for which a lens has rays: a new plane (sgsi_free), or NULL if all have one;
-// *rays: their number.
-sgs_status sgsi_mask_of_lens(const sgs_camera *camera, uint16_t **valid_mask, size_t *rays);
+// *rays: their number. `circle` > 0: pixels that are not entirely within this radius (pixels) of
+// the image centre have none.
+sgs_status sgsi_mask_of_lens(const sgs_camera *camera, double circle, uint16_t **valid_mask,
+                             size_t *rays);
 
 // Clears the pixels that `valid_mask` (same size) clears; NULL clears none.
 sgs_status sgsi_mask_intersect(sgs_photo *photo, const uint16_t *valid_mask);

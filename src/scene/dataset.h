@@ -22,6 +22,7 @@ typedef struct sgsi_frame {
     sgs_camera camera;
     sgs_pose pose;
     double angle_x, angle_y;
+    double circle;    // radius of the image circle in the camera's pixels, 0 = no circle
     sgs_split split;  // if the files define it (dataset.has_split)
     uint64_t place;   // byte, line or frame in the file, for errors
     const char *file; // static name of the second file if `place` is in it, or NULL

@@ -321,7 +321,7 @@ static sgs_status find_lenses(creator *c)
         if (!same) {
             size_t rays;
             const sgs_status status =
-                sgsi_mask_of_lens(&scene->views[i].camera, &c->lenses[c->lens_count++], &rays);
+                sgsi_mask_of_lens(&scene->views[i].camera, 0, &c->lenses[c->lens_count++], &rays);
             if (status)
                 return status;
             if (!rays)

@@ -31,6 +31,7 @@ typedef struct sgsi_view_slot {
     size_t bytes;        // decoded size of the photo
     size_t decode_bytes; // see sgsi_photo_decode_bytes
     bool halves;         // it is kept in half floats
+    double circle;       // radius of the image circle after downscaling, 0 = no circle
     size_t lens;         // index into sgsi_scene_loader.lenses
     bool dropped;        // not among options.kept
     bool cached;         // if the photos exceed the image cache: it keeps this one from the start
@@ -40,6 +41,7 @@ typedef struct sgsi_view_slot {
 // Mask of the pixels for which a lens has rays. Most views share one.
 typedef struct sgsi_lens_mask {
     sgs_camera camera;
+    double circle;
     uint16_t *valid_mask; // NULL = all
     size_t rays;          // pixels with a ray
     bool reported;        // a warning about it was sent

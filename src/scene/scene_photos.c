@@ -36,7 +36,7 @@ static void reduced_size(int downscale, sgsi_view_slot *s)
 }
 
 // Completes a camera without size (see sgsi_frame) and fits it to its photo.
-static sgs_status fit_camera(const sgsi_frame *frame, const sgsi_view_slot *s, const sgs_view *view,
+static sgs_status fit_camera(const sgsi_frame *frame, sgsi_view_slot *s, const sgs_view *view,
                              sgs_camera *out)
 {
     sgs_camera camera = frame->camera;
@@ -58,6 +58,7 @@ static sgs_status fit_camera(const sgsi_frame *frame, const sgsi_view_slot *s, c
             camera.params[3] = 0.5 * s->file_height;
     }
     *out = sgs_camera_resized(&camera, s->width, s->height);
+    s->circle = frame->circle * s->width / camera.width;
     if (sgs_camera_validate(out))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name,
                          sgs_last_error());
@@ -183,18 +184,21 @@ static void load_view(void *context, size_t i, int thread)
     sgsi_progress_advance(&l->progress);
 }
 
-// Finds the entry of view i's camera, or adds one.
+// Finds the entry of view i's camera and image circle, or adds one.
 static sgs_status find_lens(sgsi_scene_loader *l, size_t i)
 {
     const sgs_camera *camera = &l->scene->views[i].camera;
     size_t k = l->lens_count;
-    while (k > 0 && !sgs_camera_equal(&l->lenses[k - 1].camera, camera))
+    const double circle = l->slots[i].circle;
+    while (k > 0 && !(sgs_camera_equal(&l->lenses[k - 1].camera, camera) &&
+                      l->lenses[k - 1].circle == circle))
         --k;
     if (k == 0) {
         k = ++l->lens_count;
         l->lenses[k - 1].camera = *camera;
+        l->lenses[k - 1].circle = circle;
         const sgs_status status =
-            sgsi_mask_of_lens(camera, &l->lenses[k - 1].valid_mask, &l->lenses[k - 1].rays);
+            sgsi_mask_of_lens(camera, circle, &l->lenses[k - 1].valid_mask, &l->lenses[k - 1].rays);
         if (status)
             return status;
     }

@@ -40,27 +40,29 @@ enum key {
     KEY_ANGLE_Y,
     KEY_FOV_X,
     KEY_FOV_Y,
+    KEY_CIRCLE,
     KEY_COUNT
 };
 
-static const char *const key_names[KEY_COUNT] = {"w",
-                                                 "h",
-                                                 "fl_x",
-                                                 "fl_y",
-                                                 "cx",
-                                                 "cy",
-                                                 "k1",
-                                                 "k2",
-                                                 "k3",
-                                                 "k4",
-                                                 "k5",
-                                                 "k6",
-                                                 "p1",
-                                                 "p2",
-                                                 "camera_angle_x",
-                                                 "camera_angle_y",
-                                                 "x_fov",
-                                                 "y_fov"};
+static const char *const key_names[KEY_COUNT] = {[KEY_W] = "w",
+                                                 [KEY_H] = "h",
+                                                 [KEY_FL_X] = "fl_x",
+                                                 [KEY_FL_Y] = "fl_y",
+                                                 [KEY_CX] = "cx",
+                                                 [KEY_CY] = "cy",
+                                                 [KEY_K1] = "k1",
+                                                 [KEY_K2] = "k2",
+                                                 [KEY_K3] = "k3",
+                                                 [KEY_K4] = "k4",
+                                                 [KEY_K5] = "k5",
+                                                 [KEY_K6] = "k6",
+                                                 [KEY_P1] = "p1",
+                                                 [KEY_P2] = "p2",
+                                                 [KEY_ANGLE_X] = "camera_angle_x",
+                                                 [KEY_ANGLE_Y] = "camera_angle_y",
+                                                 [KEY_FOV_X] = "x_fov",
+                                                 [KEY_FOV_Y] = "y_fov",
+                                                 [KEY_CIRCLE] = "fisheye_crop_radius"};
 
 _Static_assert((int)KEY_COUNT == (int)SGSI_LENS_NUMBERS, "sgsi_lens_keys.value");
 
@@ -420,6 +422,23 @@ static sgs_status read_focal(const sgsi_transforms_reader *r, const sgsi_lens_ke
     return SGS_STATUS_OK;
 }
 
+// nerfstudio ignores the pixels outside the image circle of a fisheye lens, and the key with other
+// lenses. The radius is in pixels before downscaling; its script for EyefulTower writes fractions.
+static sgs_status read_circle(const sgsi_transforms_reader *r, const sgsi_lens_keys *in,
+                              sgsi_frame *frame)
+{
+    const double radius = in->value[KEY_CIRCLE];
+    if (isnan(radius) || !sgs_camera_is_fisheye(frame->camera.model))
+        return SGS_STATUS_OK;
+    if (!(radius >= 1))
+        return sgsi_fail(SGS_STATUS_FORMAT,
+                         "%s: %s: '%s' is %g, not a radius of at least 1 pixel; convert it to "
+                         "pixels, or remove it",
+                         r->path, r->where, key_names[KEY_CIRCLE], radius);
+    frame->circle = radius;
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgsi_lens_keys_apply(sgsi_transforms_reader *r, const sgsi_lens_keys *in,
                                 sgsi_frame *frame)
 {
@@ -431,6 +450,8 @@ sgs_status sgsi_lens_keys_apply(sgsi_transforms_reader *r, const sgsi_lens_keys 
         status = read_model(r, in, camera);
     if (!status)
         status = read_focal(r, in, frame);
+    if (!status)
+        status = read_circle(r, in, frame);
     if (status)
         return status;
     camera->params[2] = or_else(in->value[KEY_CX], camera->width ? 0.5 * camera->width : NAN);

@@ -18,7 +18,7 @@ typedef struct sgsi_transforms_reader {
     bool ignores_intrinsics; // of a panorama; warned
 } sgsi_transforms_reader;
 
-enum { SGSI_LENS_NUMBERS = 18 };
+enum { SGSI_LENS_NUMBERS = 19 };
 
 // Intrinsics as the keys state them. `model` belongs to the JSON object.
 typedef struct sgsi_lens_keys {
@@ -36,7 +36,7 @@ sgsi_lens_keys sgsi_lens_keys_none(void);
 sgs_status sgsi_lens_keys_read(const sgsi_transforms_reader *r, const json_t *object,
                                sgsi_lens_keys *out);
 
-// Sets frame->camera, and frame->angle_x and angle_y if the photo completes it. FORMAT: no valid
-// camera; UNSUPPORTED: the model.
+// Sets frame->camera and circle, and frame->angle_x and angle_y if the photo completes it. FORMAT:
+// no valid camera; UNSUPPORTED: the model.
 sgs_status sgsi_lens_keys_apply(sgsi_transforms_reader *r, const sgsi_lens_keys *in,
                                 sgsi_frame *frame);

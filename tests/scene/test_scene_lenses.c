@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Lenses without a ray for some or all pixels: reported as such, and not as masks. Panoramas of
-// transforms.json.
+// Lenses without a ray for some or all pixels: reported as such, and not as masks. Image circles
+// and panoramas of transforms.json.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -150,6 +150,59 @@ static void corners_of_few_pixels_and_fisheye_circles_are_usual(void **state)
     tree_remove(&folder);
 }
 
+// Valid pixels have all corners within the radius of the image centre.
+static void assert_circle(const sgs_photo *photo, double radius)
+{
+    size_t kept = 0;
+    for (int y = 0; y < photo->height; ++y)
+        for (int x = 0; x < photo->width; ++x) {
+            bool inside = true;
+            for (int k = 0; k < 4; ++k)
+                inside = inside && hypot(x + k % 2 - 0.5 * photo->width,
+                                         y + k / 2 - 0.5 * photo->height) <= radius;
+            if (sgs_mask_is_valid(photo->valid_mask, photo->width, x, y) != inside)
+                fail_msg("radius %g: pixel %d %d", radius, x, y);
+            kept += inside;
+        }
+    assert_int_equal(photo->kept, kept);
+}
+
+// The radius is in pixels of w and h; nerfstudio uses it with fisheye lenses only.
+static void pixels_outside_the_circle_of_a_fisheye_lens_are_masked(void **state)
+{
+    (void)state;
+    static const char *const lenses[] = {
+        "\"camera_model\": \"OPENCV_FISHEYE\", \"fisheye_crop_radius\": 20.5",
+        "\"camera_model\": \"OPENCV_FISHEYE\", \"fisheye_crop_radius\": 30",
+        "\"camera_model\": \"OPENCV_FISHEYE\", \"fisheye_crop_radius\": 40", // the corners
+        "\"camera_model\": \"OPENCV\", \"k1\": 0.001, \"fisheye_crop_radius\": 20.5",
+        "\"camera_model\": \"OPENCV_FISHEYE\", \"fisheye_crop_radius\": null"};
+    temp_folder folder = scene_make(lenses, 5);
+    tree_put_picture(&folder, "images/1.png", WIDTH / 2, HEIGHT / 2, 3, red); // of half the size
+    for (int downscale = 1; downscale <= 2; ++downscale)
+        for (int limited = 0; limited < 2; ++limited) {
+            sgs_scene_options options = sgs_scene_options_default();
+            options.downscale = downscale;
+            options.image_cache = (size_t)limited; // the photos are decoded when they are used
+            sgs_scene *scene;
+            assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_OK);
+            assert_int_equal(scene->view_count, 5);
+            const double radii[] = {20.5 / downscale, 15.0 / downscale};
+            for (size_t i = 0; i < 5; ++i) {
+                const sgs_photo *photo;
+                assert_int_equal(sgs_scene_photo(scene, i, &photo), SGS_STATUS_OK);
+                if (i < 2)
+                    assert_circle(photo, radii[i]);
+                else
+                    assert_null(photo->valid_mask);
+            }
+            assert_int_equal(scene->masks, 0);
+            assert_string_equal(warnings, "");
+            sgs_scene_destroy(scene);
+        }
+    tree_remove(&folder);
+}
+
 static void masks_of_lenses_with_rays_are_still_reported_as_masks(void **state)
 {
     (void)state;
@@ -268,6 +321,8 @@ int main(void)
         cmocka_unit_test_setup(images_of_a_lens_without_rays_are_skipped, warnings_begin),
         cmocka_unit_test_setup(perspective_lenses_with_few_rays_are_reported_once, warnings_begin),
         cmocka_unit_test_setup(corners_of_few_pixels_and_fisheye_circles_are_usual, warnings_begin),
+        cmocka_unit_test_setup(pixels_outside_the_circle_of_a_fisheye_lens_are_masked,
+                               warnings_begin),
         cmocka_unit_test_setup(masks_of_lenses_with_rays_are_still_reported_as_masks,
                                warnings_begin),
         cmocka_unit_test_setup(panoramas_have_the_rays_of_other_programs, warnings_begin),

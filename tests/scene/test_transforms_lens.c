@@ -259,6 +259,37 @@ static void lenses_and_axes_of_instant_ngp_are_refused(void **state)
     assert_cameras(accepted, COUNT(accepted));
 }
 
+// Its effect on pixels is tested in test_scene_lenses.c.
+static void image_circles_have_a_radius_in_pixels(void **state)
+{
+    (void)state;
+    static const wrong_case cases[] = {
+        // nerfstudio's script for EyefulTower
+        {SIZED ",\"camera_model\":\"OPENCV_FISHEYE\",\"fisheye_crop_radius\":0.43", "",
+         SGS_STATUS_FORMAT,
+         "transforms.json: frame 0: 'fisheye_crop_radius' is 0.43, not a radius of at least 1 "
+         "pixel; convert it to pixels, or remove it"},
+        {SIZED ",\"is_fisheye\":true", "\"fisheye_crop_radius\":-20", SGS_STATUS_FORMAT,
+         "frame 0: 'fisheye_crop_radius' is -20, not a radius"},
+        {SIZED ",\"fisheye_crop_radius\":[20]", "", SGS_STATUS_FORMAT,
+         "the global keys: 'fisheye_crop_radius' must be a number"},
+    };
+    assert_refused(cases, COUNT(cases));
+    static const struct {
+        const char *keys;
+        double circle;
+    } accepted[] = {{SIZED ",\"fisheye_crop_radius\":0.43", 0},
+                    {SIZED ",\"camera_model\":\"EQUIRECTANGULAR\",\"fisheye_crop_radius\":20", 0},
+                    {SIZED ",\"is_fisheye\":true,\"fisheye_crop_radius\":707.5", 707.5},
+                    {SIZED ",\"is_fisheye\":true", 0}};
+    for (size_t i = 0; i < COUNT(accepted); ++i) {
+        sgsi_dataset d;
+        assert_int_equal(read_keys(accepted[i].keys, "", &d), SGS_STATUS_OK);
+        assert_true(d.frames[0].circle == accepted[i].circle);
+        sgsi_dataset_free(&d);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -269,6 +300,7 @@ int main(void)
         cmocka_unit_test_setup(fields_of_view_may_be_in_degrees, warnings_begin),
         cmocka_unit_test_setup(contradicting_fields_of_view_are_refused, warnings_begin),
         cmocka_unit_test_setup(lenses_and_axes_of_instant_ngp_are_refused, warnings_begin),
+        cmocka_unit_test_setup(image_circles_have_a_radius_in_pixels, warnings_begin),
     };
     return cmocka_run_group_tests_name("transforms_lens", tests, NULL, NULL);
 }

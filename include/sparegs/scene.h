@@ -73,7 +73,7 @@ typedef struct sgs_scene_options {
     // Folder of masks next to the image folder; "none" = no masks; NULL = "masks" or "mask" if
     // present.
     const char *masks_dir;
-    bool invert_masks; // black is valid instead of white
+    bool invert_masks; // black is valid instead of white, in masks of instant-ngp the reverse
     sgs_alpha alpha;
     // Colour space of the image files (an ID of the Color Interop Forum, or a name of OpenImageIO
     // or OpenColorIO). NULL = as each file declares; without a declaration floats are linear,
@@ -174,7 +174,8 @@ typedef struct sgs_scene {
 //
 // Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
 // MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the channels >= 128; all
-// but 0 if none is) is valid. A pixel of a down-scaled photo is valid if its whole area is.
+// but 0 if none is) is valid. Last, instant-ngp's dynamic_mask_STEM.png next to the photo: black is
+// valid. A pixel of a down-scaled photo is valid if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
 // is missing or not accessible, or no image is readable), FORMAT (invalid file, no lens with a ray,

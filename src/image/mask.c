@@ -13,12 +13,27 @@
 #include "sparegs/image.h"
 #include "base/threads.h"
 
-static const char suffix[] = "_mask.png";
+static const char suffix[] = "_mask.png", dynamic_prefix[] = "dynamic_mask_",
+                  dynamic_end[] = ".png";
+
+static const char *base_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+static bool ends_with(const char *name, const char *tail)
+{
+    const size_t length = strlen(name), end = strlen(tail);
+    return length > end && !strcmp(name + length - end, tail);
+}
 
 bool sgsi_mask_is_name(const char *name)
 {
-    const size_t length = strlen(name), tail = sizeof suffix - 1;
-    return length > tail && !strcmp(name + length - tail, suffix);
+    const char *base = base_name(name);
+    const size_t prefix = sizeof dynamic_prefix - 1;
+    return ends_with(name, suffix) ||
+           (!strncmp(base, dynamic_prefix, prefix) && ends_with(base + prefix, dynamic_end));
 }
 
 // Length of a path without its extension.
@@ -54,12 +69,29 @@ static sgs_status use_named(const char *base, const char *name, char **path)
     return status;
 }
 
+// STEM_mask.png, or dynamic_mask_STEM.png of instant-ngp.
+static sgs_status use_beside(const char *image_path, char **path, bool *dynamic)
+{
+    const char *base = base_name(image_path);
+    const int folder = (int)(base - image_path);
+    sgs_status status =
+        use_if_file(sgsi_format("%.*s%s", stem_length(image_path), image_path, suffix), path);
+    if (status || *path)
+        return status;
+    status = use_if_file(sgsi_format("%.*s%s%.*s%s", folder, image_path, dynamic_prefix,
+                                     stem_length(base), base, dynamic_end),
+                         path);
+    *dynamic = *path != NULL;
+    return status;
+}
+
 sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
-                          const char *name, size_t skip, char **path)
+                          const char *name, size_t skip, char **path, bool *dynamic)
 {
     static const char *const usual[] = {"masks", "mask"};
     sgs_status status = SGS_STATUS_OK;
     *path = NULL;
+    *dynamic = false;
     for (int i = 0; i < (folder ? 1 : 2) && !status && !*path; ++i) {
         char *base = folder && folder[0] == '/'
                          ? sgsi_strdup(folder)
@@ -71,10 +103,7 @@ sgs_status sgsi_mask_find(const char *root, const char *folder, const char *imag
             status = use_named(base, name, path);
         sgsi_free(base);
     }
-    if (!status && !*path && !folder)
-        status =
-            use_if_file(sgsi_format("%.*s%s", stem_length(image_path), image_path, suffix), path);
-    return status;
+    return !status && !*path && !folder ? use_beside(image_path, path, dynamic) : status;
 }
 
 static void set_all(uint16_t *valid_mask, int width, int height)
@@ -110,6 +139,15 @@ void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y)
     for (int j = y0; j < y1; ++j)
         for (int i = x0; i < x1; ++i)
             photo->valid_mask[(size_t)j * words + (size_t)i / 16] &= (uint16_t) ~(1u << i % 16);
+}
+
+// Of instant-ngp: the largest colour channel. Alpha is ignored.
+static int brightness(const sgs_image8 *mask, size_t at, size_t plane)
+{
+    int largest = 0;
+    for (size_t c = 0; c < 3; ++c)
+        largest = mask->pixels[c * plane + at] > largest ? mask->pixels[c * plane + at] : largest;
+    return largest;
 }
 
 // Mean of the colour channels, times a straight alpha.
@@ -150,9 +188,11 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bo
     if (!status)
         status = sgsi_mask_begin(photo);
     const size_t plane = (size_t)mask.width * (size_t)mask.height;
-    const int lowest = status ? 0 : lowest_valid(&mask, plane);
+    const int lowest = status ? 0 : file->dynamic ? 1 : lowest_valid(&mask, plane);
+    int (*const value)(const sgs_image8 *, size_t, size_t) = file->dynamic ? brightness : whiteness;
+    const bool drops_white = file->invert != file->dynamic;
     for (size_t at = 0; !status && at < plane; ++at)
-        if ((whiteness(&mask, at, plane) >= lowest) == file->invert) {
+        if ((value(&mask, at, plane) >= lowest) == drops_white) {
             sgsi_mask_drop(photo, mask.width, mask.height, (int)(at % (size_t)mask.width),
                            (int)(at / (size_t)mask.width));
             *excludes = true;

@@ -13,13 +13,14 @@
 
 // Finds the mask file of photo `name`, whose file is image_path; *path is NULL if there is
 // none. Masks are searched in `root`/masks and `root`/mask, or in `folder` (relative to root, or
-// absolute) if given, and next to the photo. `skip`: length of the part of the name that is
+// absolute) if given, else next to the photo: STEM_mask.png, then dynamic_mask_STEM.png of
+// instant-ngp (*dynamic). `skip`: length of the part of the name that is
 // the image folder, which the paths of masks may omit. IO: a mask exists but cannot be read as a
 // regular file.
 sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
-                          const char *name, size_t skip, char **path);
+                          const char *name, size_t skip, char **path, bool *dynamic);
 
-// True for names of masks next to photos: STEM_mask.png.
+// True for names of masks next to photos: STEM_mask.png and dynamic_mask_STEM.png.
 bool sgsi_mask_is_name(const char *name);
 
 // Allocates photo->valid_mask with all pixels valid, unless it exists.
@@ -29,6 +30,7 @@ typedef struct sgsi_mask_file {
     const char *path, *photo_path;
     int width, height; // of the photo's file; the mask must have this size or an enlargement of it
     bool invert;
+    bool dynamic; // of instant-ngp: all but black is excluded, or with `invert` valid
 } sgsi_mask_file;
 
 // Clears the pixels that a mask file excludes; *excludes: there are any. White is valid: values of

@@ -396,8 +396,9 @@ static sgs_status load(const sgsi_photo_source *source, sgs_photo *photo, sgsi_p
     if (!status)
         status = sgsi_photo_use_alpha(photo, source->alpha);
     if (!status && source->mask_path) {
-        const sgsi_mask_file mask = {source->mask_path, source->image_path, source->file_width,
-                                     source->file_height, source->invert_mask};
+        const sgsi_mask_file mask = {source->mask_path,   source->image_path,
+                                     source->file_width,  source->file_height,
+                                     source->invert_mask, source->dynamic_mask};
         status = sgsi_mask_apply_file(photo, &mask, &report->mask_excludes);
         report->mask_failed = status != SGS_STATUS_OK;
     }

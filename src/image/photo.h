@@ -17,7 +17,7 @@ typedef struct sgsi_photo_source {
     int file_width, file_height;        // size of the photo's file, or of its display window
     bool display_window;                // the photo is the display window of an EXR file
     int width, height;                  // requested size, at most the file's
-    bool invert_mask;
+    bool invert_mask, dynamic_mask;     // see sgsi_mask_file
     sgs_alpha alpha;
     const char *colorspace; // NULL = the file's
     sgs_space space;

@@ -31,6 +31,7 @@ typedef struct sgsi_view_slot {
     size_t bytes;        // decoded size of the photo
     size_t decode_bytes; // see sgsi_photo_decode_bytes
     bool halves;         // it is kept in half floats
+    bool dynamic_mask;   // see sgsi_mask_file
     double circle;       // radius of the image circle after downscaling, 0 = no circle
     size_t lens;         // index into sgsi_scene_loader.lenses
     bool dropped;        // not among options.kept

@@ -157,6 +157,7 @@ sgsi_photo_source sgsi_loader_source(const sgsi_scene_loader *l, size_t i)
                                .width = s->width,
                                .height = s->height,
                                .invert_mask = l->options->invert_masks,
+                               .dynamic_mask = s->dynamic_mask,
                                .alpha = l->options->alpha,
                                .colorspace = l->scene->colorspace,
                                .space = l->options->space,

@@ -97,7 +97,8 @@ static sgs_status find_masks(sgsi_scene_loader *l)
         status = !folder && l->dataset.frames[i].mask
                      ? use_named_mask(l, i)
                      : sgsi_mask_find(root, folder, view->image_path, view->name,
-                                      image_folder_length(l, view->name), &view->mask_path);
+                                      image_folder_length(l, view->name), &view->mask_path,
+                                      &l->slots[i].dynamic_mask);
     }
     sgsi_free(given);
     return status == SGS_STATUS_IO
@@ -255,16 +256,18 @@ static void warn_of_notes(const sgsi_scene_loader *l)
 // to masks that are black by mistake.
 static void warn_of_inversion(const sgsi_scene_loader *l)
 {
-    size_t masks = 0, excluding = 0;
+    size_t masks = 0, excluding = 0, dynamic = 0;
     for (size_t i = 0; i < l->scene->view_count; ++i)
         if (l->scene->views[i].mask_path && !l->slots[i].status && !l->slots[i].dropped) {
             ++masks;
+            dynamic += l->slots[i].dynamic_mask;
             excluding += l->slots[i].report.mask_excludes;
         }
     if (l->options->invert_masks && l->options->load_images && masks && !excluding)
         sgsi_warn("%s: with option invert_masks, no mask excludes a pixel; are the masks empty? "
-                  "White is valid without this option, black with it",
-                  l->scene->path);
+                  "%s is valid without this option, %s with it",
+                  l->scene->path, dynamic == masks ? "Black" : "White",
+                  dynamic == masks ? "white" : "black");
 }
 
 static bool has_camera_aspect(const sgsi_scene_loader *l, size_t i)

@@ -122,7 +122,7 @@ mkdir "$temporary/mixed"
 cp "$photos/0001.jpg" "$temporary/mixed/a b.JPG"
 cp "$photos/0002.jpg" "$temporary/mixed/b.jpg"
 cp "$photos/0003.jpg" "$temporary/mixed/._b.jpg"
-cp "$photos/0003.jpg" "$temporary/mixed/b_mask.png"
+for mask in b_mask dynamic_mask_b; do cp "$photos/0003.jpg" "$temporary/mixed/$mask.png"; done
 cp "$photos/0004.jpg" "$temporary/mixed/"$'two\nlines.jpg'
 cp "$photos/0005.jpg" "$temporary/mixed/y.jpe"
 cp "$photos/0006.jpg" "$temporary/mixed/z.jfif"

@@ -166,6 +166,51 @@ static void masks_of_small_values_exclude_zeros(void **state)
     tree_remove(&folder);
 }
 
+// instant-ngp excludes pixels with any colour but black (nerf_loader.cu).
+static void masks_of_instant_ngp_exclude_all_but_black(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    static const uint8_t blue[3] = {0, 0, 1};
+    put_values(&folder, "images/dynamic_mask_a.png", 1, 0);
+    put_values(&folder, "images/dynamic_mask_b.png", 255, 0);
+    tree_put_picture(&folder, "images/sub/dynamic_mask_c.png", WIDTH, HEIGHT, 3, blue);
+    put_values(&folder, "images/dynamic_mask_d with blanks.png", 128, 0);
+    put_mask(&folder, "images/b_mask.png", 1, 1, 1, 17, 2); // precedes, as does a mask folder
+    put_mask(&folder, "other/a.png", 1, 3, 4, 20, 30);
+    sgs_scene_options options = sgs_scene_options_default();
+    sgs_scene *scene = load(&folder, &options);
+    assert_int_equal(scene->view_count, 3);
+    assert_hole(photo_of(scene, "a.png"), 8, 8, 24, 16, false);
+    assert_hole(photo_of(scene, "b.png"), 1, 1, 17, 2, false);
+    assert_hole(photo_of(scene, "d with blanks"), 8, 8, 24, 16, false);
+    assert_holds(warnings, "sub/dynamic_mask_c.png: mask excludes every pixel; the view is ");
+    assert_null(strstr(warnings, "without a pose")); // masks are not photos
+    sgs_scene_destroy(scene);
+    options.invert_masks = true;
+    options.image_cache = 1; // the photos are decoded when they are used
+    scene = load(&folder, &options);
+    assert_int_equal(scene->view_count, 4);
+    for (size_t i = 0; i < 4; ++i) {
+        const sgs_photo *photo;
+        assert_int_equal(sgs_scene_photo(scene, i, &photo), SGS_STATUS_OK);
+        if (!strcmp(scene->views[i].name, "sub/c.png"))
+            assert_null(photo->valid_mask);
+        else if (!strcmp(scene->views[i].name, "b.png"))
+            assert_hole(photo, 1, 1, 17, 2, true);
+        else
+            assert_hole(photo, 8, 8, 24, 16, true);
+    }
+    sgs_scene_destroy(scene);
+    options = sgs_scene_options_default();
+    options.masks_dir = "other";
+    scene = load(&folder, &options);
+    assert_hole(photo_of(scene, "a.png"), 3, 4, 20, 30, false);
+    assert_int_equal(scene->masks, 1);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
 static void inversion_that_excludes_nothing_is_reported(void **state)
 {
     (void)state;
@@ -187,6 +232,12 @@ static void inversion_that_excludes_nothing_is_reported(void **state)
     put_values(&folder, "masks/b.png", 1, 0);
     scene = load(&folder, &options);
     assert_null(strstr(warnings, "excludes a pixel"));
+    sgs_scene_destroy(scene);
+    put_values(&folder, "images/dynamic_mask_a.png", 255, 255);
+    options.masks_dir = NULL;
+    assert_int_equal(rename(temp_path(&folder, "masks"), temp_path(&folder, "unused")), 0);
+    scene = load(&folder, &options);
+    assert_holds(warnings, "are the masks empty? Black is valid without this option, white with");
     sgs_scene_destroy(scene);
     tree_remove(&folder);
 }
@@ -513,6 +564,7 @@ int main(void)
         cmocka_unit_test_setup(masks_are_found_under_all_names, warnings_begin),
         cmocka_unit_test_setup(options_select_invert_and_disable_masks, warnings_begin),
         cmocka_unit_test_setup(masks_of_small_values_exclude_zeros, warnings_begin),
+        cmocka_unit_test_setup(masks_of_instant_ngp_exclude_all_but_black, warnings_begin),
         cmocka_unit_test_setup(inversion_that_excludes_nothing_is_reported, warnings_begin),
         cmocka_unit_test_setup(camera_files_name_masks, warnings_begin),
         cmocka_unit_test_setup(downscaled_pixels_are_valid_if_entirely_valid, warnings_begin),

@@ -60,8 +60,9 @@ static size_t count_views(const char *path, const char *masks)
 static void masks_that_are_no_files_are_refused(void **state)
 {
     (void)state;
-    static const char *const names[] = {"masks/a.png", "masks/a.png.png", "mask/sub/c.png",
-                                        "masks/a_mask.png", "images/b_mask.png"};
+    static const char *const names[] = {"masks/a.png",       "masks/a.png.png",
+                                        "mask/sub/c.png",    "masks/a_mask.png",
+                                        "images/b_mask.png", "images/dynamic_mask_b.png"};
     for (size_t i = 0; i < sizeof names / sizeof *names; ++i) {
         temp_folder folder = scene_make();
         char text[256];

@@ -110,14 +110,19 @@ static bool has_ending(const char *name, const char *const *endings)
     return false;
 }
 
-// Masks next to photos are not photos.
+// Masks next to photos are not photos: STEM_mask.png, and dynamic_mask_STEM.png of instant-ngp.
 static bool is_photo(const char *name)
 {
     static const char *const endings[] = {"jpg", "jpeg", "jpe", "jfif", "png", "tif", "tiff",
                                           "bmp", "webp", "ppm", "pgm",  "gif", "tga", NULL};
-    static const char mask[] = "_mask.png";
-    const size_t length = strlen(name), tail = sizeof mask - 1;
-    const bool is_mask = length > tail && !strcmp(name + length - tail, mask);
+    static const char mask[] = "_mask.png", dynamic[] = "dynamic_mask_", png[] = ".png";
+    const char *slash = strrchr(name, '/'), *base = slash ? slash + 1 : name;
+    const char *end = name + strlen(name);
+    const size_t length = strlen(base);
+    const bool is_mask =
+        (length >= sizeof mask && !strcmp(end - (sizeof mask - 1), mask)) ||
+        (length >= sizeof dynamic + sizeof png - 1 && !strncmp(base, dynamic, sizeof dynamic - 1) &&
+         !strcmp(end - (sizeof png - 1), png));
     return has_ending(name, endings) && !is_mask;
 }
 

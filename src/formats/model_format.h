@@ -35,6 +35,8 @@ sgs_status sgsi_spz_read(const char *path, const sgs_model_read_options *options
                          sgs_gaussians **model, sgs_model_info *info);
 sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
                           const sgs_model_write_options *options, sgs_model_written *written);
+// Warns of more primitives than older readers of this SPZ version accept. Cannot fail.
+void sgsi_spz_warn_count(const char *path, int version, size_t count);
 sgs_status sgsi_ksplat_read(const char *path, const sgs_model_read_options *options,
                             sgs_gaussians **model, sgs_model_info *info);
 sgs_status sgsi_ksplat_write(const char *path, const sgs_gaussians *model,

@@ -49,6 +49,7 @@ enum {
     COUNT_ALWAYS = 1 << 16, // accepted in a file of any size
     MAX_ROW_BYTES = 92,     // degree 4
     MAX_RECORDS = 1 << 16,
+    OLD_COUNT_LIMIT = 10000000, // of readers before version 4, as in the library of that time
     GZIP_LEVEL = 6,
     ZSTD_LEVEL = 9
 };
@@ -465,6 +466,15 @@ static void warn_about_scales(const char *path, const sgs_gaussians *model)
                   path, exp(MIN_LOG_SCALE), exp(MAX_LOG_SCALE), changed, model->count);
 }
 
+void sgsi_spz_warn_count(const char *path, int version, size_t count)
+{
+    if (version < 4 && count > OLD_COUNT_LIMIT)
+        sgsi_warn("%s: older readers refuse SPZ files of version %d with more than %d primitives; "
+                  "this one has %zu; use option spz_version 4, whose readers have no limit, or "
+                  "prune the model",
+                  path, version, OLD_COUNT_LIMIT, count);
+}
+
 typedef struct stream_packing {
     const uint8_t *in[STREAM_COUNT];
     size_t in_size[STREAM_COUNT], out_size[STREAM_COUNT];
@@ -608,6 +618,7 @@ sgs_status sgsi_spz_write(const char *path, const sgs_gaussians *model,
         return status;
     warn_about_positions(path, model, file.fractional_bits);
     warn_about_scales(path, model);
+    sgsi_spz_warn_count(path, options->spz_version, model->count);
     sgsi_warn_clipped_colors(path, "SPZ", model, sgsi_color_from_dc(MAX_DC));
     sgsi_warn_clipped_harmonics(path, "SPZ", model, 1.0);
     size_t total = HEADER_BYTES + AXES_RECORD_BYTES;

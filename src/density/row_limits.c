@@ -44,8 +44,9 @@ static sgs_status choose(const ranking *r, size_t count, size_t wanted)
     return sgsi_select_best(r->score, r->candidate, count, wanted, r->chosen);
 }
 
-// True if row i is removed without replacement. A split row is replaced by its children, even if
-// RAP marks it.
+// True if row i is removed. A split row is replaced by its children, even if RAP marks it. (A row
+// that grows by its absolute gradient and is redundant by its signed one is replaced by its clone;
+// this is rare: one or two rows per update.)
 static bool loses_row(const sgsi_density_columns *columns, size_t i)
 {
     return columns->action[i] != SGSI_ACTION_SPLIT && sgsi_density_is_removed(columns, i);

@@ -6,8 +6,9 @@
 // LightGaussian (Fan et al., "LightGaussian: Unbounded 3D Gaussian Compression with 15x Reduction
 // and 200+ FPS", NeurIPS 2024), equation 4: the sum over all hits of opacity times transmittance,
 // without the response of the Gaussian, times (V / V_90)^0.1, V the product of the scales and V_90
-// the element of rank 0.9 count of the volumes in descending order. The rasteriser that the release
-// pins (240618b) omits the transmittance, a later commit of it (9893d8c) does not.
+// the element of rank 0.9 count of the volumes in descending order, as in the released code; the
+// paper limits V / V_90 to 1. The rasteriser that the release pins (240618b) omits the
+// transmittance, a later commit of it (9893d8c) does not.
 
 #include "sparegs/prune.h"
 

@@ -37,8 +37,8 @@ typedef struct sgsi_train_views {
     float ssim_weight, ssim_sigma; // of the loss
     sgs_photo *targets;            // [count] instead of the photos, for a region; NULL without
     sgsi_tracer *tracer;           // of the primitives that are drawn
-    // Projects the rows of the model and has their gradient sums: the same, unless ranks share the
-    // rows.
+    // Projects the rows of the model and holds their gradient sums. The same object as `tracer`,
+    // unless ranks share the rows.
     sgsi_tracer *rows;
     sgsi_ray_cache *rays;
     sgsi_loss_workspace *loss;

@@ -15,9 +15,10 @@
 
 static const double NOISE_GRID_QUANTILE = 0.01;
 
-// RAP takes a primitive without a gradient for redundant. One that no view has shown since the last
-// update has none either: in scaled runs, whose updates may follow before all views were trained,
-// it is kept. Each pass has its own order, so that 2 V - 1 iterations contain all of V views.
+// RAP treats a primitive without a gradient as redundant. A primitive that no view has shown since
+// the last update has no gradient either. In scaled runs, an update may come before all views were
+// trained, so such primitives are kept. Each pass has its own order, so that 2 V - 1 iterations
+// contain all of V views.
 static bool spares_unseen(const sgs_trainer *trainer)
 {
     const sgs_train_options *o = &trainer->options;

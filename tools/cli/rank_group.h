@@ -26,9 +26,9 @@ enum {
 
 // Discards the output of this process if it is a rank other than 0. Call it first.
 void group_silence(void);
-// For a rank other than 0 that ends with an error before it has joined the others: waits a moment,
-// since the launcher ends the job with the first one, and the message of rank 0 would be lost. Then
-// rank 0 has no error, and the one of this rank is printed.
+// For a rank other than 0 that ends with an error before it has joined the others. Waits a moment,
+// because the launcher ends the job when the first rank exits, and the message of rank 0 would be
+// lost. If the job still runs then, rank 0 has no error, and this rank prints its own.
 void group_let_lead_speak(int status);
 // Joins the ranks, if there is a launcher. `command` is for messages; supported: whether it works
 // on several ranks. Returns -1 to continue, or an exit status.

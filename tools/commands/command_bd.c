@@ -46,7 +46,7 @@ static const option bd_options[] = {
      .offset = offsetof(bd_values, select_test),
      .argument = "COLUMN=VALUE[,COLUMN=VALUE...]",
      .shown = "as --select",
-     .help = "use only these rows of TEST; --select is then for ANCHOR"},
+     .help = "use only the rows of TEST with these values; --select then applies to ANCHOR only"},
 };
 
 // The conditions of --select, and the columns of the table that is read.

@@ -138,10 +138,11 @@ static int explain_point(const region_history *history, const double point[3], b
     if (json)
         return print_json(json_pack("{s:o}", "updates", list)) ? EXIT_DONE : EXIT_FAILED;
     json_decref(list);
-    return found ? EXIT_DONE
-                 : fail_run("no update has primitives in the region of (%g, %g, %g); 'sparegs "
-                            "info' prints the bounds of the model",
-                            point[0], point[1], point[2]);
+    return found
+               ? EXIT_DONE
+               : fail_run("the region of (%g, %g, %g) has no primitives in any structural update; "
+                          "choose a point within the bounds that 'sparegs info' prints",
+                          point[0], point[1], point[2]);
 }
 
 int command_explain(int argc, char **argv)

@@ -52,7 +52,7 @@ dilation_of_3dgs | test_tracer_oracle | (SGS_FILTER_3DGS  *\? )0\.3f | ${1}0.31f
 near_distance_of_small_scenes | test_trainer|test_cli|test_aov | extent < 1\.0 \? 0\.2 \* extent : 0\.2 | extent < 1.0 ? 0.2 : 0.2
 median_at_a_half | test_aov | vf_gt\(front, half\) | vf_gt(front, vf_set1(0.6f))
 filter_3d_variance | test_mip | margin = 0\.15, variance = 0\.2 | margin = 0.15, variance = 0.3
-mask_inverted | test_mask | whiteness\(&mask, at, plane\) >= lowest\) == file->invert | whiteness(\&mask, at, plane) >= lowest) != file->invert
+mask_inverted | test_mask | value\(&mask, at, plane\) >= lowest\) == drops_white | value(&mask, at, plane) >= lowest) != drops_white
 test_split_offset | test_scene | every && i % \(size_t\)every == 0 \? | every && i % (size_t)every == 1 ?
 initial_opacity | test_gaussians | start_opacity = 0\.1, | start_opacity = 0.2,
 srgb_decode | test_photo|test_image|cli_outputs | encoded \+ 0\.055f\) / 1\.055f, 2\.4f | encoded + 0.055f) / 1.055f, 2.2f

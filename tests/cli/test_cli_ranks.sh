@@ -191,17 +191,22 @@ wait "$training" || status=$?
 check stopped_by_the_signal test "$status" = 143
 check continued test "$(jq .iterations "$temporary/killed/summary.json")" -gt 20
 
-# USR2 ends all ranks in the same iteration and saves.
+# USR2 ends all ranks in the same iteration and saves, although the folder of the trace was removed.
 timeout 300 "${launcher[@]}" -n 2 "$program" train "${common[@]}" --downscale 8 --iterations 100000 -o "$temporary/usr2" \
-    >"$temporary/stdout" 2>"$temporary/stderr" &
+    --trace "$temporary/traces/trace.json" >"$temporary/stdout" 2>"$temporary/stderr" &
 job=$!
 for ((i = 0; i < 600; ++i)); do
     [ ! -s "$temporary/usr2/train.csv" ] || [ "$(wc -l <"$temporary/usr2/train.csv")" -lt 2 ] || break
     sleep 0.1
 done
+rm -r "$temporary/traces"
 kill -USR2 "$(pgrep -P "$job" | head -1)" # mpirun forwards it
-wait "$job" || true
+status=0
+wait "$job" || status=$?
 last_command="kill -USR2 of mpirun"
+check the_lost_trace_is_an_error test "$status" = 1
+check it_is_printed_once test "$(grep '^sparegs: ' "$temporary/stderr" | grep -vc warning)" = 1
+reports "traces/trace.json: cannot be written: No such file or directory"
 json "$temporary/usr2/summary.json" '.stop_reason == "signal"'
 check checkpoint_saved test -f "$temporary/usr2/checkpoint/state.bin"
 

@@ -145,6 +145,21 @@ check names_the_checkpoint grep -q 'checkpoint' "$temporary/stderr"
 json "$temporary/full/summary.json" '.iterations == 4 and .test.psnr > 5'
 check no_temporary_file_is_left test -z "$(find "$temporary/full" -name '*.tmp*' -o -name '.sparegs*')"
 
+# a_trace_that_cannot_be_written_loses_nothing_else (it is larger than the limit, the other files are smaller)
+limit=128 iterations=200
+if is_sanitized thread; then limit=1024 iterations=1200; fi
+last_command="train --trace with a limit on the file size"
+# shellcheck disable=SC2016
+check fails_without_its_trace bash -c 'trap "" XFSZ; ulimit -f "$4"; status=0
+    "$0" train "$1" --downscale 16 -o "$2" --iterations "$5" --max-gaussians 100 --spare off --eval --quiet --trace "$2/trace.json" \
+    >"$3.stdout" 2>"$3" || status=$?; test $status = 1' "$program" "$room" "$temporary/traced" "$temporary/stderr" "$limit" "$iterations"
+reports "traced/trace.json: cannot be written: File too large"
+check the_result_is_printed grep -q "^held-out images: PSNR" "$temporary/stderr.stdout"
+check the_model_is_saved test -s "$temporary/traced/point_cloud/iteration_$iterations/point_cloud.ply"
+check the_checkpoint_is_saved test -s "$temporary/traced/checkpoint/state.bin"
+json "$temporary/traced/summary.json" ".iterations == $iterations and .stop_reason == \"schedule\" and .test.psnr > 5"
+check no_temporary_file_is_left test -z "$(find "$temporary/traced" -name '*.tmp*')"
+
 # many_threads (of five photos)
 cp -r "$room" "$temporary/five"
 find "$temporary/five/images" -name '*.jpg' | sort | tail -n +6 | xargs rm

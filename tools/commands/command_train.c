@@ -624,15 +624,18 @@ static bool open_view(training *run)
     return !values->view || run->view;
 }
 
-// Iterates, saves the results and frees the trainer.
+// Iterates, saves the results and frees the trainer. A trace that cannot be written is the last
+// step and loses nothing else; group_close passes its failure on to the other ranks.
 static bool iterate_and_save(training *run)
 {
     const bool traces = run->values.trace && group_leads();
     trace_file *trace = traces ? trace_open(run->values.trace) : NULL;
-    bool done = !traces || trace;
+    const bool opened = !traces || trace;
     const bool viewed = run->values.view && collect_for_view(run);
-    done = group_all(done && (!group_leads() || !viewed || open_view(run))) && iterate(run, trace);
-    done = group_all(trace_close(trace, done) && done) && group_all(training_save(run));
+    const bool iterated =
+        group_all(opened && (!group_leads() || !viewed || open_view(run))) && iterate(run, trace);
+    const bool done = group_all(iterated) && group_all(training_save(run));
+    run->trace_lost = !trace_close(trace, iterated);
     if (group_leads())
         run_folder_close_tables(&run->folder);
     sgs_trainer_destroy(run->trainer);
@@ -666,7 +669,7 @@ static int train(training *run)
                         "saved a checkpoint at iteration %d: rerun with --resume and a larger "
                         "--max-memory, or with --max-gaussians",
                         run->values.output, run->gaussians, run->iterations);
-    return interrupt_status();
+    return run->trace_lost ? EXIT_FAILED : interrupt_status();
 }
 
 enum { GROUP_COUNT = TRAIN_GROUP_COUNT + 2 };

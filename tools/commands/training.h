@@ -55,6 +55,7 @@ typedef struct training {
     json_t *per_rank;     // on rank 0, or NULL
     double wall_seconds;  // of this command
     bool checkpoint_lost; // saving the last one failed and was reported; evaluation continues
+    bool trace_lost;      // the same for the file of --trace
     bool checkpoint_is_temporary; // without --checkpoint-every: for a stop during the evaluation
     split_score test, train;
 } training;

@@ -481,6 +481,24 @@ reports "--scores and --output are both $temporary/same.ply; choose different fi
 run 2 report "$temporary" --html "$temporary/same" --markdown "$temporary/same"
 reports "--markdown and --html are both $temporary/same; choose different files"
 
+# an_output_file_with_the_name_of_a_folder_is_refused_before_the_work, also if there is no such folder
+names_folder() { # ARGUMENTS...: the path of the output is $absent
+    for absent in "$temporary/absent/" "$temporary/absent/."; do
+        run 1 "$@" "$absent" --quiet
+        one_line
+        reports "$absent: is the name of a folder; specify the name of a file"
+        check "nothing_was_written: $1" test ! -e "$temporary/absent"
+    done
+}
+names_folder compress "$ply" --method fcgs-like -o
+names_folder prune "$ply" "$room" --method refine --downscale 16 --scores
+names_folder profile "$ply" "$room" --views 1 --repeat 1 --samples 0 --refits 0 --downscale 16 --trace
+names_folder train "$room" -o "$temporary/untrained" --downscale 16 --iterations 1 --trace
+check no_run_was_started test ! -e "$temporary/untrained"
+run 1 profile "$ply" "$room" --views 1 --repeat 1 --samples 0 --refits 0 --downscale 16 --trace "$temporary/elsewhere" --quiet
+reports "elsewhere: cannot be written: Is a directory"
+one_line
+
 # an_output_that_is_a_file_of_a_run_or_an_experiment_is_refused
 cp -r "$model" "$temporary/guarded"
 mkdir "$temporary/plan"

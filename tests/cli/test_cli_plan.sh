@@ -130,6 +130,13 @@ check the_tables_are_there test -s "$temporary/sub/text/x.md"
 sed -n 's/.*<script type="application\/json" id="data">\(.*\)<\/script>$/\1/p' "$temporary/sub/page/x.html" >"$temporary/data.json"
 check the_data_have_no_tag bash -c "! grep -F '<' '$temporary/data.json'"
 json "$temporary/data.json" '.title == "</script><!--<script>"'
+# the_names_of_folders_are_refused
+for option in --markdown --html; do
+    report 1 . "$option" "$temporary/folder/"
+    one_line
+    reports "folder/: is the name of a folder; specify the name of a file"
+    check no_file_is_written test ! -e "$temporary/folder" -a ! -e "$temporary/results/report.md"
+done
 # a_relative_scene_is_in_the_folder_of_the_experiment
 mkdir -p "$temporary/results/moved/point_cloud/iteration_1"
 touch "$temporary/results/moved/point_cloud/iteration_1/point_cloud.ply"

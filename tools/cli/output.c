@@ -97,6 +97,17 @@ bool check_writable(const char *folder)
     return !code || fail_folder(folder, "folder is not writable", code);
 }
 
+// False after printing the error for the name of a folder, also of one that does not exist: the
+// file could be written, but not renamed to it.
+static bool names_file(const char *path)
+{
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    const bool names = *name && strcmp(name, ".") != 0 && strcmp(name, "..") != 0;
+    if (!names)
+        fail_run("%s: is the name of a folder; specify the name of a file", path);
+    return names;
+}
+
 // Where the file does not exist, the nearest folder above it that exists.
 static bool check_new_output(const char *path)
 {
@@ -116,6 +127,8 @@ static bool check_new_output(const char *path)
 bool check_output(const char *path)
 {
     struct stat info;
+    if (!names_file(path))
+        return false;
     if (lstat(path, &info))
         return check_new_output(path);
     if (!stat(path, &info) && S_ISDIR(info.st_mode))
@@ -152,7 +165,7 @@ int free_number(const char *folder, const char *stem, const char *ending)
 
 bool open_output(const char *path, sgs_output_file *file)
 {
-    if (!make_folder_of(path))
+    if (!names_file(path) || !make_folder_of(path))
         return false;
     const bool opened = !sgs_output_file_open(file, path);
     if (!opened)

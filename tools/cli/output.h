@@ -20,7 +20,8 @@ bool make_folder_of(const char *path);
 // Checks that files can be created in a folder by creating and removing one.
 bool check_writable(const char *folder);
 // Checks that a file can be written there: in the nearest folder above it that exists, if it is not
-// a folder, a device, a pipe or a symbolic link that leads nowhere.
+// a folder (by its kind, or by a '/' at the end), a device, a pipe or a symbolic link that leads
+// nowhere.
 bool check_output(const char *path);
 bool file_exists(const char *path);
 // The first of the numbers 1 to 9999 for which FOLDER/STEM_NNNN.ENDING does not exist; 0 after

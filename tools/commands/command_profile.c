@@ -290,6 +290,8 @@ static int run_profile(const command_line *line, const profile_values *values,
     if (status < 0 && values->output &&
         !(make_folder(values->output) && check_writable(values->output)))
         status = EXIT_FAILED;
+    if (status < 0 && values->trace && !check_output(values->trace))
+        status = EXIT_FAILED;
     if (status < 0) {
         scene = scene_open(line->operands[1], data, false);
         status = scene ? -1 : EXIT_FAILED;

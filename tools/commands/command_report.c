@@ -469,6 +469,7 @@ static int report(const char *folder, const report_values *values)
     if (status < 0)
         status = results && may_replace(text_path, "# ", tables_mark) &&
                          may_replace(page_path, page_start, page_title) &&
+                         check_output(text_path) && check_output(page_path) &&
                          write_report(folder, values, results, text_path, page_path)
                      ? interrupt_status()
                      : EXIT_FAILED;

@@ -84,6 +84,55 @@ jq 'del(.checkpoint_every_given, .lpips, .lpips_input) | .checkpoint_every = 100
 run 0 train "$room" -o "$temporary/kept" --resume --quiet
 json "$temporary/kept/config.json" '.checkpoint_every == 1000 and (.checkpoint_every_given | not) and .lpips == null'
 
+# a_model_is_refined_in_its_own_folder: the run continues although --overwrite has moved the model that it began from
+place=$temporary/place
+refine=("$room" --pipeline mip --iterations 30 --downscale 16 --checkpoint-every 10 --quiet)
+run 0 train "${refine[@]}" -o "$place"
+cp -r "$place" "$temporary/start"
+run 0 train "${refine[@]}" -o "$temporary/elsewhere" --init "$temporary/start"
+run 0 train "${refine[@]}" -o "$place" --init "$place" --overwrite
+hash=$(hash_of "$temporary/elsewhere")
+check the_model_is_that_of_another_folder test "$(hash_of "$place")" = "$hash"
+json "$place/config.json" ".options.init == \"$place/previous\""
+init=$(jq -r .init_hash "$temporary/elsewhere/config.json")
+cp "$place/input.ply" "$temporary/input.ply"
+continues() { # NAME OPTION...: with the same result
+    run 0 train "$room" -o "$place" --resume --quiet "${@:2}"
+    check "the_model_is_the_same: $1" test "$(hash_of "$place")" = "$hash"
+    json "$place/config.json" ".init_hash == \"$init\" and (.options.init | startswith(\"$place/previous\"))"
+    check "input_ply_is_the_same: $1" cmp "$place/input.ply" "$temporary/input.ply"
+}
+cp "$place/checkpoint/state.previous.bin" "$place/checkpoint/state.bin"
+continues a_new_model_is_in_its_place
+rewind "$place"
+continues killed --init "$place" # the options are repeated
+continues the_file_is_named --init "$place/point_cloud/iteration_30/point_cloud.ply"
+json "$place/config.json" ".options.init == \"$place/previous/point_cloud/iteration_30/point_cloud.ply\""
+rm -r "$place/checkpoint" "$place/point_cloud" "$place/summary.json"
+continues without_a_checkpoint
+mv "$place/previous" "$temporary/previous"
+rewind "$place"
+continues the_model_was_deleted
+
+# without_a_checkpoint the initial model must be the same
+rm -r "$place/checkpoint" "$place/point_cloud" "$place/summary.json"
+cp -r "$temporary/elsewhere" "$place/previous"
+cp "$place/config.json" "$temporary/before.json"
+run 1 train "$room" -o "$place" --resume --quiet
+one_line
+reports "place/config.json: the model of --init changed since the run started; resume with the same model"
+check the_record_stays cmp "$place/config.json" "$temporary/before.json"
+
+# a_model_that_overwrite_would_delete_is_refused
+cp -r "$temporary/elsewhere" "$temporary/start/previous"
+run 1 train "${refine[@]}" -o "$temporary/start" --init "$temporary/start/previous/point_cloud/iteration_30" --overwrite
+one_line
+reports "iteration_30: --overwrite deletes this initial model with $temporary/start/previous; move it away, or choose another folder with -o"
+check both_runs_stay test -s "$temporary/start/summary.json" -a -s "$temporary/start/previous/summary.json"
+rm -r "$temporary/start/point_cloud" "$temporary/start/checkpoint" "$temporary/start/summary.json" # without results
+run 0 train "${refine[@]}" -o "$temporary/start" --init "$temporary/start/previous" --overwrite
+check the_model_stays test -s "$temporary/start/previous/summary.json"
+
 # an_option_that_may_change is changed alone
 run 0 train "$room" -o "$temporary/many" --resume --iterations 62 --quiet
 json "$temporary/many/config.json" '.resumed[-1].changed_from == {"iterations": 60} and .options.max_gaussians == 900'

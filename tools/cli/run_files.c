@@ -102,3 +102,21 @@ const char *run_file_owner(const char *path, const char *out)
     free(next);
     return owner;
 }
+
+char *run_file_moved(const char *path, const char *out)
+{
+    bool moves = path_is_same(path, out);
+    for (int k = 0; k < RUN_ENTRIES && !moves; ++k) {
+        char *entry = format_text("%s/%s", out, run_entries[k]);
+        moves = path_is_same(path, entry) || path_is_below(path, entry);
+        free(entry);
+    }
+    char *whole = resolve_path(path), *folder = resolve_path(out);
+    const size_t length = strlen(folder);
+    // An entry may be a link: what it leads to does not move.
+    moves = moves && !strncmp(whole, folder, length) && (!whole[length] || whole[length] == '/');
+    char *moved = moves ? format_text("%s/previous%s", out, whole + length) : NULL;
+    free(whole);
+    free(folder);
+    return moved;
+}

@@ -15,3 +15,7 @@ extern const char *const run_entries[RUN_ENTRIES];
 // results of an experiment. NULL otherwise: other files may be written to these folders.
 // out: a folder that counts as a run even if it does not exist yet, or NULL.
 const char *run_file_owner(const char *path, const char *out);
+
+// The path that --overwrite gives to a file of the run in the folder `out`, or to the run itself:
+// OUT/previous/... NULL for other paths, which stay. Release with free().
+char *run_file_moved(const char *path, const char *out);

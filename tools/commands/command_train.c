@@ -13,8 +13,6 @@
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/json_output.h"
-#include "cli/model_argument.h"
-#include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_group.h"
@@ -134,20 +132,7 @@ static bool create_from(training *run, sgs_gaussians **init)
 static bool create_trainer(training *run)
 {
     sgs_gaussians *init = NULL;
-    bool ready = true;
-    if (run->values.init) {
-        model_path located;
-        ready = model_locate(run->values.init, &located) && model_read(&located, NULL, &init);
-        if (ready && !init->count) {
-            fail_run("%s: contains no primitives; train without --init", located.ply_path);
-            ready = false;
-        }
-        if (ready)
-            model_warn_space(&located, run->scene->space);
-        model_path_free(&located);
-    }
-    if (ready && init)
-        sgs_gaussians_hash(init, run->init_hash);
+    bool ready = training_init_read(run, &init);
     // Warnings about the initial model do not apply if a checkpoint replaces it.
     messages_hear_library(!run->values.resume || !run_folder_has_checkpoint(&run->folder));
     ready = ready && create_from(run, &init);
@@ -177,11 +162,13 @@ static int find_checkpoint(training *run, const char *config_path, json_t *confi
     if (!run->values.resume)
         return 0;
     if (!run_record_split_agrees(config_path, run->stored, run->scene) ||
-        !train_config_agrees(config_path, run->stored, config, &run->values.options) ||
-        !run_record_init_agrees(config_path, run->stored, config))
+        !train_config_agrees(config_path, run->stored, config, &run->values.options))
         return -1;
     const int found = run_folder_load_checkpoint(&run->folder, run->trainer, &run->checkpoint);
-    if (!found && run_folder_has_results(&run->folder)) {
+    const bool replaces = found > 0 && !run->values.region;
+    if (found < 0 || !run_record_init_agrees(config_path, run->stored, config, replaces))
+        return -1;
+    if (!found && (run->init_is_replaced || run_folder_has_results(&run->folder))) {
         fail_run("%s: no checkpoint to resume from: checkpoint/state.bin does not exist; start "
                  "again with --overwrite",
                  run->values.output);
@@ -248,6 +235,8 @@ static bool open_own_folder(training *run, json_t *config, bool resumed)
 static bool open_folder(training *run)
 {
     char *config_path = format_text("%s/config.json", run->values.output);
+    if (group_leads())
+        training_init_follow(run);
     json_t *config = group_leads() ? config_of(run) : NULL;
     const int found = group_leads() ? find_checkpoint(run, config_path, config) : 0;
     bool ready =
@@ -550,6 +539,7 @@ static int recall_options(training *run)
     if (!recalled)
         return EXIT_FAILED;
     run->data.held_out = json_object_get(run->stored, "test_images");
+    training_init_recall(run);
     const int status = command_line_check_needs(line);
     return status < 0 ? resolve_values(run, line) : status;
 }
@@ -576,9 +566,9 @@ static int prepare(training *run)
 {
     const bool claimed =
         group_same_options(run->line, "resume|checkpoint-every|save-at|view") &&
-        (!group_leads() ||
-         (!has_no_time(run) && training_view_is_possible(run->values.view) &&
-          (!run->values.trace || check_output(run->values.trace)) && claim_folder(run)));
+        (!group_leads() || (!has_no_time(run) && training_view_is_possible(run->values.view) &&
+                            (!run->values.trace || check_output(run->values.trace)) &&
+                            claim_folder(run) && training_init_stays(run)));
     if (!group_all(claimed) || !share_config(run))
         return EXIT_FAILED;
     const int recalled = recall_options(run);
@@ -757,5 +747,6 @@ int command_train(int argc, char **argv)
     free(run.values.region_plan);
     free(run.values.region_text);
     free(run.stop_text);
+    free(run.init_moved);
     return status;
 }

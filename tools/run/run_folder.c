@@ -124,6 +124,11 @@ static bool has_state(const char *folder)
     return has;
 }
 
+bool run_folder_replaces_previous(const run_folder *folder)
+{
+    return has_results(folder->path) || has_state(folder->path);
+}
+
 // The output of a run in a folder without config.json that a new run would replace, or NULL.
 static const char *unmarked_entry(const run_folder *folder)
 {

@@ -56,6 +56,10 @@ void run_folder_restore(const run_folder *folder);
 // True if the run in the folder wrote a model or a summary of at least one iteration.
 bool run_folder_has_results(const run_folder *folder);
 
+// True if the run in the folder has results or a checkpoint: keep_previous then removes an older
+// OUT/previous.
+bool run_folder_replaces_previous(const run_folder *folder);
+
 // Opens the tables. Drops rows after `iteration`, where the run resumes, and rows of structural
 // updates after `structure_iteration`.
 bool run_folder_open_tables(run_folder *folder, int iteration, int structure_iteration);

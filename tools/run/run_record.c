@@ -149,12 +149,11 @@ ptrdiff_t run_record_trained(const char *folder, const json_t *config, const sgs
     return trained;
 }
 
-bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now)
+bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now,
+                            bool replaced)
 {
     const json_t *before = json_object_get(stored, "init_hash");
-    const char *region = json_string_value(config_option(now, "region"));
-    if (json_equal(before, json_object_get(now, "init_hash")) || !before || !region ||
-        !strcmp(region, "none")) // a checkpoint replaces the model
+    if (replaced || !before || json_equal(before, json_object_get(now, "init_hash")))
         return true;
     fail_run("%s: the model of --init changed since the run started; resume with the same model",
              config_path);

@@ -32,9 +32,10 @@ void run_record_check_scene(const char *folder, const sgs_scene *scene);
 ptrdiff_t run_record_trained(const char *folder, const json_t *config, const sgs_scene *scene,
                              sgs_split split);
 
-// True if a run with --region continues with the initial model that it started from, or the run has
-// no region; otherwise prints the error.
-bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now);
+// True if a run continues with the initial model that it started from, or a checkpoint has replaced
+// the model; otherwise prints the error.
+bool run_record_init_agrees(const char *config_path, const json_t *stored, const json_t *now,
+                            bool replaced);
 
 // The reason in summary.json. Cannot fail.
 const char *run_record_stop_reason(sgs_stop_reason stop);

@@ -187,6 +187,25 @@ run 0 convert "$temporary/model.ply" "$temporary/converted.ply" $filters --quiet
 check the_crop_is_the_file_of_convert cmp "$cropped" "$temporary/converted.ply"
 last_command=$served
 
+# a_crop_has_the_marks_of_the_run_that_is_given, not those of the file, and so has the file of the command
+mkdir "$temporary/of"
+cp -r "$temporary/run" "$temporary/mip"
+jq '.options.filter = "mip"' "$temporary/run/config.json" >"$temporary/mip/config.json"
+run 0 convert "$temporary/model.ply" "$temporary/of/plain.ply" --quiet
+run 0 convert "$temporary/model.ply" "$temporary/of/marked.ply" --antialiased on --train-space linear --white 4 --quiet
+declare -A marks=([plain]=1 [marked]=0)
+for pair in plain:mip marked:run; do
+    start "$temporary/of/${pair%:*}.ply" "$room" --port 0 --run "$temporary/${pair#*:}"
+    served=$last_command
+    read -r cropped filters < <(python3 "$client" "$url" crop 2>&1)
+    stop TERM
+    check "the_mark_is_that_of_the_run: $pair" test "$(grep -acx 'comment SplatRenderMode: mip' "$cropped")" = "${marks[${pair%:*}]}"
+    # shellcheck disable=SC2086 # several options
+    run 0 convert "$temporary/of/${pair%:*}.ply" "$temporary/converted.ply" $filters --quiet
+    check "the_crop_is_the_file_of_convert: $pair" cmp "$cropped" "$temporary/converted.ply"
+done
+last_command=$served
+
 # ---- Photos in linear light ----
 # A scene of three photos as EXR files eight times as bright, written by oiiotool.
 hdr=$temporary/hdr

@@ -23,9 +23,14 @@ bool model_open(const char *model, const sgs_model_read_options *options, opened
         model_path_free(&opened->located);
         return false;
     }
-    const char *filter = json_string_value(config_option(opened->located.config, "filter"));
-    opened->antialiased = opened->info.antialiased || (filter && !strcmp(filter, "mip"));
+    opened->antialiased = model_is_antialiased(&opened->located, &opened->info);
     return true;
+}
+
+bool model_is_antialiased(const model_path *located, const sgs_model_info *info)
+{
+    const char *filter = json_string_value(config_option(located->config, "filter"));
+    return info->antialiased || (filter && !strcmp(filter, "mip"));
 }
 
 void opened_model_free(opened_model *opened)

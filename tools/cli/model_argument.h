@@ -12,12 +12,14 @@ typedef struct opened_model {
     model_path located;
     sgs_gaussians *gaussians;
     sgs_model_info info;
-    bool antialiased; // as recorded in the file, or because its run used --filter mip
+    bool antialiased; // model_is_antialiased
 } opened_model;
 
 // Locates and reads a model; options may be NULL. False after printing the error.
 bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened);
 void opened_model_free(opened_model *opened);
+// True if the file is marked as antialiased, or its run used --filter mip.
+bool model_is_antialiased(const model_path *located, const sgs_model_info *info);
 
 // Reads a located model. A file that is marked as antialiased selects --filter mip, unless the
 // command line or the run's config selects a filter. If neither selects a near distance, it follows

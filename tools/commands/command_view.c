@@ -126,30 +126,38 @@ static int export_page(const char *path, const view_source *source, bool json)
     return EXIT_DONE;
 }
 
-// The options of `convert` that give a crop the filter and colour space of the rendered model;
-// free().
-static char *convert_marks(const command_line *line, const drawing_values *drawing)
+// The options of `convert` that give a crop the filter and colour space of the rendered model. Of
+// itself, it uses those of the file, or of its own run folder. Release with free().
+static char *convert_marks(const command_line *line, const view_values *values,
+                           const model_path *located, const sgs_model_info *info,
+                           const drawing_values *drawing)
 {
     const sgs_model_colors colors = model_colors(drawing->space, drawing->white_point);
-    const char *filter = !option_given(line, "filter")       ? ""
-                         : drawing->filter == SGS_FILTER_MIP ? "--antialiased on"
-                                                             : "--antialiased off";
-    if (!(colors.white_point > 0) && !option_given(line, "train-space") &&
+    const bool is_mip = drawing->filter == SGS_FILTER_MIP,
+               is_own = !values->run && is_mip == model_is_antialiased(located, info);
+    const char *filter = is_own && !option_given(line, "filter") ? ""
+                         : is_mip                                ? "--antialiased on"
+                                                                 : "--antialiased off";
+    if (!(colors.white_point > 0) && !values->run && !option_given(line, "train-space") &&
         !option_given(line, "white"))
         return format_text("%s", filter);
     return format_text("%s%s--train-space %s --white %.9g", filter, *filter ? " " : "",
                        colors.space == SGS_SPACE_LINEAR ? "linear" : "srgb", drawing->white_point);
 }
 
-static int view_model(const char *name, const model_path *located, const view_values *values,
-                      drawing_values *drawing, view_session *session, bool json)
+static int view_model(const command_line *line, const model_path *located,
+                      const view_values *values, drawing_values *drawing, view_session *session,
+                      bool json)
 {
     view_session_options options = {.token = values->token, .share = 1};
     sgs_gaussians *model = NULL;
+    sgs_model_info info;
     options.address.port = values->port;
     view_address_host(values->address, &options.address);
-    if ((values->export && !check_output(values->export)) || !model_read(located, drawing, &model))
+    if ((values->export && !check_output(values->export)) ||
+        !model_read_info(located, drawing, &model, &info))
         return EXIT_FAILED;
+    session->source.marks = convert_marks(line, values, located, &info, drawing);
     session->source.drawing = *drawing;
     const bool done = view_source_open(
         &session->source, model, located->iteration ? located->run : NULL, located->iteration);
@@ -163,7 +171,8 @@ static int view_model(const char *name, const model_path *located, const view_va
         return export_page(values->export, &session->source, json);
     if (!done || !view_session_start(session, &options) || !print_address(session, json))
         return EXIT_FAILED;
-    print_note("%s: %zu primitives; press Ctrl-C to stop", name, session->source.model->count);
+    print_note("%s: %zu primitives; press Ctrl-C to stop", line->operands[0],
+               session->source.model->count);
     serve();
     return EXIT_DONE;
 }
@@ -184,10 +193,9 @@ static int run_view(const command_line *line, const view_values *values, scene_v
     }
     if (status < 0) {
         drawing_resolve(drawing, line, located.config, data, scene);
-        session.source.marks = convert_marks(line, drawing);
         session.source.name = line->operands[0];
         session.source.scene = scene;
-        status = view_model(line->operands[0], &located, values, drawing, &session, json);
+        status = view_model(line, &located, values, drawing, &session, json);
     }
     view_session_stop(&session);
     view_source_close(&session.source);

@@ -228,18 +228,39 @@ reports "-o SCENE"
 run 2 reconstruct "$photos" -o "$temporary/x" --camera-model OPENCVV
 reports "not a COLMAP camera model"
 
-# a_signal_ends_colmap_too
-SLOW=1 PATH=$bin:$PATH "$program" reconstruct "$photos" -o "$temporary/sixth" --quiet 2>"$temporary/stderr" &
-child=$!
-for _ in $(seq 100); do
-    [ -s "$CALLS.pid" ] && break
-    sleep 0.1
-done
-check colmap_runs kill -0 "$(cat "$CALLS.pid")"
-kill -TERM "$child"
-status=0
-wait "$child" || status=$?
-last_command="a signal"
-check stopped_by_the_signal test "$status" = 143
-check colmap_has_ended bash -c '! kill -0 "$0"' "$(cat "$CALLS.pid")"
+# a_signal_ends_colmap_too, also one that only the parent gets; a second run on the same scene is refused until then
+starts() { # a run on $temporary/sixth whose mapper sleeps
+    rm -f "$CALLS.pid"
+    SLOW=1 PATH=$bin:$PATH "$program" reconstruct "$photos" -o "$temporary/sixth" --quiet 2>"$temporary/stderr" &
+    child=$!
+    for _ in $(seq 100); do
+        [ -s "$CALLS.pid" ] && break
+        sleep 0.1
+    done
+    check colmap_runs kill -0 "$(cat "$CALLS.pid")"
+}
+ends() { # SIGNAL STATUS
+    kill "-$1" "$child"
+    status=0
+    wait "$child" 2>/dev/null || status=$?
+    last_command="reconstruct, then $1"
+    check "stopped_by_the_signal: $1" test "$status" = "$2"
+    for _ in $(seq 50); do
+        kill -0 "$(cat "$CALLS.pid")" 2>/dev/null || break
+        sleep 0.1
+    done
+    check "colmap_has_ended: $1" bash -c '! kill -0 "$0"' "$(cat "$CALLS.pid")"
+}
+starts
+cp "$temporary/sixth/colmap/state.json" "$temporary/state"
+: >"$CALLS"
+with_standin run 1 reconstruct "$photos" -o "$temporary/sixth" --matcher sequential --quiet
+one_line
+reports "sixth: in use by another run; wait until it ends or choose another folder"
+check nothing_was_run test ! -s "$CALLS"
+check the_state_is_that_of_the_first_run cmp "$temporary/sixth/colmap/state.json" "$temporary/state"
+ends TERM 143
+starts
+ends KILL 137
+with_standin run 0 reconstruct "$photos" -o "$temporary/sixth" --quiet
 finish

@@ -16,6 +16,9 @@
 #include <string.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
 
 #include "cli/interrupt.h"
 #include "cli/output.h"
@@ -26,8 +29,23 @@ static void close_pair(int ends[2])
     close(ends[1]);
 }
 
-static void become(const child_process *child, const int output[2], const int failure[2])
+void child_end_with_parent(pid_t parent, int signal_number)
 {
+#ifdef __linux__
+    signal(signal_number, SIG_DFL); // not the handler of the parent, which only sets a flag
+    prctl(PR_SET_PDEATHSIG, signal_number);
+    if (getppid() != parent) // it was killed before
+        _exit(128 + signal_number);
+#else
+    (void)parent;
+    (void)signal_number;
+#endif
+}
+
+static void become(const child_process *child, pid_t parent, const int output[2],
+                   const int failure[2])
+{
+    child_end_with_parent(parent, SIGTERM);
     dup2(output[1], STDOUT_FILENO);
     dup2(output[1], STDERR_FILENO);
     close(output[0]);
@@ -51,9 +69,9 @@ static pid_t start(const child_process *child, int *output)
     }
     fcntl(pipe_failure[1], F_SETFD, FD_CLOEXEC);
     fflush(NULL);
-    const pid_t pid = fork();
+    const pid_t parent = getpid(), pid = fork();
     if (pid == 0)
-        become(child, pipe_output, pipe_failure);
+        become(child, parent, pipe_output, pipe_failure);
     reason = errno;
     close(pipe_output[1]);
     close(pipe_failure[1]);

@@ -6,6 +6,7 @@
 // a callback. A request to stop (interrupt.h) terminates it. Prints nothing itself.
 
 #include <stdbool.h>
+#include <sys/types.h>
 
 enum { CHILD_MISSING = -1, CHILD_INTERRUPTED = -2, CHILD_UNSTARTED = -3, CHILD_TAIL = 3 };
 
@@ -25,3 +26,7 @@ int child_run(child_process *child);
 
 // The last lines joined by " | ". Release with free().
 char *child_tail(const child_process *child);
+
+// In a new process, before exec: `signal_number` ends it, and what it executes, if its parent is
+// killed. parent: the parent's getpid() before the fork. Linux only; no effect elsewhere.
+void child_end_with_parent(pid_t parent, int signal_number);

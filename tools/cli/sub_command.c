@@ -12,10 +12,8 @@
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
-#ifdef __linux__
-#include <sys/prctl.h>
-#endif
 
+#include "cli/child_process.h"
 #include "cli/interrupt.h"
 #include "cli/options.h"
 #include "cli/output.h"
@@ -23,14 +21,13 @@
 #include "cli/rank_group.h"
 
 // In the new process. Does not return.
-static void become_command(const char *const *arguments, const char *output, const char *log)
+static void become_command(const char *const *arguments, pid_t parent, const char *output,
+                           const char *log)
 {
     // A new process group: Ctrl-C reaches only this program, which forwards it.
     setpgid(0, 0);
     signal(SIGTTOU, SIG_IGN); // it shows its progress on the terminal
-#ifdef __linux__
-    prctl(PR_SET_PDEATHSIG, INTERRUPT_PASSED_ON); // if this program is killed
-#endif
+    child_end_with_parent(parent, INTERRUPT_PASSED_ON);
     const int errors = log ? open(log, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666) : -1;
     if (errors >= 0)
         dup2(errors, STDERR_FILENO);
@@ -55,9 +52,9 @@ int sub_command_run(const char *const *arguments, const char *output, const char
     line[0] = "sparegs";
     memcpy(line + 1, arguments, count * sizeof *line);
     fflush(NULL);
-    const pid_t child = fork();
+    const pid_t parent = getpid(), child = fork();
     if (!child)
-        become_command(line, output, log);
+        become_command(line, parent, output, log);
     free(line);
     if (child < 0)
         return fail_run("cannot start 'sparegs %s': %s", arguments[0], strerror(errno));

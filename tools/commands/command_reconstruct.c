@@ -28,6 +28,7 @@
 #include "cli/reported_files.h"
 #include "cli/resolved_path.h"
 #include "cli/shared_options.h"
+#include "run/lock_file.h"
 #include "run/reconstructed_scene.h"
 #include "sparegs/image.h"
 #include "sparegs/runtime.h"
@@ -97,6 +98,7 @@ typedef struct reconstruction {
     // {"made_from": ..., "stages": [...], "kept": [...]}: `kept` has the digests of the models that
     // may be in SCENE/sparse/0.
     json_t *state;
+    int lock; // descriptor; excludes a second run until the process ends
 } reconstruction;
 
 // ---- The photos ----
@@ -545,6 +547,8 @@ static int report(reconstruction *run, bool json)
 static bool read_state(reconstruction *run)
 {
     static const char advice[] = "repair it, or move its folder away to start again";
+    json_decref(run->state);
+    run->state = NULL;
     if (!file_exists(run->state_path))
         return true;
     json_error_t error;
@@ -574,6 +578,24 @@ static bool check_work(const reconstruction *run)
             return false;
         }
     return true;
+}
+
+// Reads the state, and refuses files of the user in SCENE.
+static bool inspect_scene(reconstruction *run)
+{
+    return read_state(run) && check_work(run) &&
+           reconstructed_scene_check(run->values->output, run->photos_path,
+                                     json_object_get(run->state, "kept"));
+}
+
+// Against the processes of all machines that share the file system.
+static bool lock_work(reconstruction *run)
+{
+    char *path = format_text("%s/.lock", run->work);
+    const lock_result result = lock_file_take(path, &run->lock);
+    const int code = errno;
+    free(path);
+    return lock_admits(run->values->output, result, code);
 }
 
 // Features and matches can be hours of work: those of other photos or options are kept.
@@ -680,10 +702,10 @@ static int reconstruct(reconstruction *run, bool json)
         if (run->count < 2)
             fail_run("%s: contains %zu photo(s); at least 2 are required, 20 or more recommended",
                      run->photos, run->count);
-        else if (read_state(run) && check_work(run) &&
-                 reconstructed_scene_check(v->output, run->photos_path,
-                                           json_object_get(run->state, "kept")) &&
-                 make_folder(run->work) && check_writable(run->work) && open_state(run, made_from))
+        else if (inspect_scene(run) && make_folder(run->work) && check_writable(run->work) &&
+                 lock_work(run) &&
+                 inspect_scene(run) && // another run may have ended before the lock was taken
+                 open_state(run, made_from))
             status = run_stages(run);
         if (status < 0)
             status = report(run, json);

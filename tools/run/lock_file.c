@@ -5,11 +5,13 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <string.h>
 #include <sys/file.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "cli/interrupt.h"
+#include "cli/progress.h"
 
 static lock_result take(const char *path, int flags, int operation, int *descriptor)
 {
@@ -56,4 +58,14 @@ bool lock_file_is_busy(const char *path)
 lock_result lock_folder_take(const char *path, int *descriptor)
 {
     return take(path, O_RDONLY | O_DIRECTORY, LOCK_EX | LOCK_NB, descriptor);
+}
+
+bool lock_admits(const char *folder, lock_result result, int code)
+{
+    if (result == LOCK_BUSY)
+        fail_run("%s: in use by another run; wait until it ends or choose another folder", folder);
+    else if (result == LOCK_FAILED)
+        print_warning("%s: cannot lock the folder against a second run: %s", folder,
+                      strerror(code));
+    return result != LOCK_BUSY;
 }

@@ -25,3 +25,7 @@ bool lock_file_is_busy(const char *path);
 
 // As lock_file_take for a folder that exists. Leaves no file.
 lock_result lock_folder_take(const char *path, int *descriptor);
+
+// True unless another process has the lock of a folder, which is an error. A failure, with errno in
+// `code`, is only a warning. Prints both.
+bool lock_admits(const char *folder, lock_result result, int code);

@@ -47,23 +47,11 @@ static char *lock_path(const run_folder *folder)
     return format_text("%s/.lock", folder->path);
 }
 
-// False after printing the error if another process has the lock. A failure is only a warning.
-static bool has_lock(const run_folder *folder, lock_result result, int code)
-{
-    if (result == LOCK_BUSY)
-        fail_run("%s: in use by another run; wait until it ends or choose another folder",
-                 folder->path);
-    else if (result == LOCK_FAILED)
-        print_warning("%s: cannot lock the folder against a second run: %s", folder->path,
-                      strerror(code));
-    return result != LOCK_BUSY;
-}
-
 // Against the processes of this machine, also where nothing can be written.
 static bool lock_folder(run_folder *folder)
 {
     const lock_result result = lock_folder_take(folder->path, &folder->lock);
-    return has_lock(folder, result, errno);
+    return lock_admits(folder->path, result, errno);
 }
 
 // Against the processes of all machines that share the file system.
@@ -74,7 +62,7 @@ static bool lock_shared(run_folder *folder)
     const lock_result result = lock_file_take(path, &folder->shared_lock);
     const int code = errno;
     free(path);
-    return has_lock(folder, result, code);
+    return lock_admits(folder->path, result, code);
 }
 
 bool run_folder_is_used(const run_folder *folder)

@@ -137,6 +137,26 @@ check the_model_stays test -s "$temporary/start/previous/summary.json"
 run 0 train "$room" -o "$temporary/many" --resume --iterations 62 --quiet
 json "$temporary/many/config.json" '.resumed[-1].changed_from == {"iterations": 60} and .options.max_gaussians == 900'
 
+# a_run_that_trains_further_has_no_summary_until_its_end; one that fails before its first iteration keeps it
+further=$temporary/further
+run 0 train "$room" -o "$further" --schedule paper --iterations 20 --downscale 16 --spare off --quiet
+cp "$further/summary.json" "$temporary/summary.json"
+run 1 train "$room" -o "$further" --resume --sh-degree 1 --quiet
+check a_failure_keeps_the_summary cmp "$further/summary.json" "$temporary/summary.json"
+last_command="train --resume --iterations 1000000, then SIGKILL"
+"$program" train "$room" -o "$further" --resume --iterations 1000000 --checkpoint-every 0 --quiet >"$temporary/stdout" 2>"$temporary/stderr" &
+process=$!
+for _ in $(seq 600); do
+    if grep -q '^100,' "$further/train.csv" || ! kill -0 "$process" 2>/dev/null; then break; fi
+    sleep 0.1
+done
+kill -KILL "$process"
+wait "$process" 2>/dev/null
+check it_has_trained grep -q '^100,' "$further/train.csv"
+check there_is_no_summary test ! -e "$further/summary.json"
+run 0 train "$room" -o "$further" --resume --iterations 25 --quiet
+json "$further/summary.json" '.iterations == 25 and .stop_reason == "schedule"'
+
 # a_damaged_record_is_refused and stays
 jq '.options.sh_degree = "high"' "$temporary/many/config.json" >"$temporary/damaged.json"
 cp "$temporary/damaged.json" "$temporary/many/config.json"

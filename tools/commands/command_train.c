@@ -455,6 +455,8 @@ static bool iterate_once(training *run, trace_file *trace)
         run->stop = SGS_STOP_MEMORY_LIMIT;
     if (group_leads())
         record_step(run, trace, start, &before, &info);
+    if (group_leads() && run->values.resume && run->own_iterations == 1)
+        run_folder_drop_summary(&run->folder);
     if (run->stop == SGS_STOP_NONE)
         save_due(run, info.iteration);
     show_step(run, &info);

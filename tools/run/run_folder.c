@@ -497,6 +497,15 @@ static bool is_own(const run_folder *folder)
             locked.st_ino == now.st_ino);
 }
 
+void run_folder_drop_summary(const run_folder *folder)
+{
+    char *path = format_text("%s/summary.json", folder->path);
+    if (is_own(folder) && unlink(path) && errno != ENOENT)
+        print_warning("%s: is that of the earlier part of the run, and cannot be removed: %s", path,
+                      strerror(errno));
+    free(path);
+}
+
 // Before each save, of rank 0: OUT may have been moved, emptied or removed since the last one.
 // False after printing the error, also if another run is in its place.
 static bool keep_marked(run_folder *folder, const sgs_trainer *trainer)

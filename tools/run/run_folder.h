@@ -77,6 +77,9 @@ void run_folder_record_update(run_folder *folder, const sgs_step_info *info);
 // Appends a row to train.csv when one is due; always if `last`.
 void run_folder_record(run_folder *folder, const sgs_step_info *info, double seconds, bool last);
 
+// Removes summary.json, which a resumed run no longer agrees with once it has trained further.
+void run_folder_drop_summary(const run_folder *folder);
+
 // OUT/point_cloud/iteration_N/point_cloud.ply, with the marks of the options.
 bool run_folder_save_model(const run_folder *folder, const sgs_gaussians *model, int iteration,
                            const sgs_model_write_options *options);

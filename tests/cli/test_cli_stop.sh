@@ -137,11 +137,17 @@ done
 # nohup_is_obeyed
 rm -rf "$out"
 last_command="nohup sparegs train"
-nohup "$program" train "${data[@]}" -o "$out" --iterations 150 --spare off >"$temporary/stdout" 2>"$temporary/stderr" &
+nohup "$program" train "${data[@]}" -o "$out" --iterations 1000000 --spare off >"$temporary/stdout" 2>"$temporary/stderr" &
 process=$!
 wait_for_iteration_100
-kill -HUP "$process" || true
-finish_with 0
+rows=$(wc -l <"$out/train.csv")
+kill -HUP "$process"
+for _ in $(seq 6000); do
+    if [ "$(wc -l <"$out/train.csv")" -ge $((rows + 2)) ] || ! kill -0 "$process" 2>/dev/null; then break; fi
+    sleep 0.05
+done
+check a_hangup_does_not_end_the_run kill -TERM "$process"
+finish_with 143
 
 # a_signal_ends_the_rendering_of_a_view, without its file (the file of a small first view shows that the large one has
 # begun, which takes minutes)

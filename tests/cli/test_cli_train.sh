@@ -103,21 +103,32 @@ for signal in INT:130 TERM:143; do
     check the_model_is_saved test -s "$out/point_cloud/iteration_$(jq .iterations "$out/summary.json")/point_cloud.ply"
 done
 
-# killed_and_resumed_equals_uninterrupted, also with another number of threads
+# killed_and_resumed_equals_uninterrupted, also with another number of threads (a run that has ended before the signal is
+# repeated: it shows nothing)
 # shellcheck disable=SC2054
 data=("$room" --downscale 8 --iterations 180 --eval --spare bmd,rap --checkpoint-every 30 --quiet)
 run 0 train "${data[@]}" -o "$temporary/whole" --threads 2
-for signal in KILL INT; do
-    rm -rf "$out"
-    last_command="train, then SIG$signal"
-    "$program" train "${data[@]}" -o "$out" --threads 1 >"$temporary/stdout" 2>"$temporary/stderr" &
-    process=$!
-    for _ in $(seq 600); do
-        if grep -q '^100,' "$out/train.csv" 2>/dev/null; then break; fi
-        sleep 0.05
+for signal in KILL:137 INT:130; do
+    last_iteration=180
+    for _ in $(seq 20); do
+        rm -rf "$out"
+        last_command="train, then SIG${signal%:*}"
+        "$program" train "${data[@]}" -o "$out" --threads 1 >"$temporary/stdout" 2>"$temporary/stderr" &
+        process=$!
+        for _ in $(seq 6000); do
+            if grep -q '^100,' "$out/train.csv" 2>/dev/null || ! kill -0 "$process" 2>/dev/null; then break; fi
+            sleep 0.02
+        done
+        kill -"${signal%:*}" "$process" 2>/dev/null || true
+        status=0
+        wait "$process" 2>/dev/null || status=$?
+        if [ "$status" = 0 ]; then continue; fi
+        last_iteration=$(tail -n 1 "$out/checkpoint/sums.csv" | grep -oE '^[0-9]+' || echo 0)
+        if [ "$last_iteration" -lt 180 ]; then break; fi
     done
-    kill -$signal "$process" || true
-    wait "$process" 2>/dev/null || true
+    check "status_${signal#*:}" test "$status" -eq "${signal#*:}"
+    check the_signal_came_before_the_last_iteration test "$last_iteration" -lt 180
+    signal=${signal%:*}
     run 0 train "${data[@]}" -o "$out" --threads 2 --resume
     check "same_model_after_$signal" cmp <(jq .model_hash "$out/summary.json") <(jq .model_hash "$temporary/whole/summary.json")
     check "same_table_after_$signal" cmp <(cut -d, -f1,3-8 "$out/train.csv") <(cut -d, -f1,3-8 "$temporary/whole/train.csv")

@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 #include "support/oracle_support.h"
+#include "support/skip_support.h"
 #include "support/task_support.h"
 
 #include "base/core.h"
@@ -300,22 +301,31 @@ static void packets_visit_the_boxes_that_they_cross(void **state)
     }
 }
 
+// Time that other threads ran while a view was profiled.
+static double others_while_profiled(const oracle_scene *scene, int threads)
+{
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, WIDTH, HEIGHT);
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    sgs_threads_set(threads);
+    const double before = task_seconds_of_others();
+    sgs_profile_destroy(profile_of(scene, &camera, &pose, 4, 0));
+    const double busy = task_seconds_of_others() - before;
+    sgs_threads_set(0);
+    print_message("%d thread(s): others ran for %g ms\n", threads, 1e3 * busy);
+    return busy;
+}
+
 // Embree's builder of the costs has threads of its own. TBB may start one when the builder's limit
 // ends, but that one has nothing to do.
 static void one_thread_is_one_thread(void **state)
 {
     (void)state;
-    oracle_scene scene = oracle_random_model(8, 60000, NULL);
-    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, WIDTH, HEIGHT);
-    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
-    sgs_threads_set(1);
-    const double before = task_seconds_of_others();
-    sgs_profile_destroy(profile_of(&scene, &camera, &pose, 4, 0));
-    const double busy = task_seconds_of_others() - before;
-    sgs_threads_set(0);
-    print_message("other threads ran for %g ms\n", 1e3 * busy);
-    assert_true(busy < 0.01);
+    oracle_scene scene = oracle_random_model(8, 15000, NULL);
+    const double one = others_while_profiled(&scene, 1), four = others_while_profiled(&scene, 4);
     oracle_scene_free(&scene);
+    if (!(four > 0))
+        skip_because("the kernel reports no times of threads (CONFIG_SCHED_INFO)");
+    assert_true(one < 0.005 * four); // 0.02 if only the builder has more threads
 }
 
 static void options_out_of_range_are_rejected(void **state)

@@ -367,7 +367,7 @@ static void counters_count_or_report_the_reason(void **state)
     sgs_counters *counters = sgs_counters_open();
     if (!counters) {
         assert_non_null(strstr(sgs_last_error(), "hardware counters"));
-        return;
+        skip_because("%s", sgs_last_error());
     }
     sgs_counter_values values[2];
     for (int k = 0; k < 2; ++k) {
@@ -377,8 +377,8 @@ static void counters_count_or_report_the_reason(void **state)
             x = x * 1.0000001;
         values[k] = sgs_counters_stop(counters);
     }
-    if (values[0].instructions > 0)
-        assert_true(values[1].instructions > 2 * values[0].instructions);
+    assert_true(values[0].instructions > 0);
+    assert_true(values[1].instructions > 2 * values[0].instructions);
     sgs_counters_close(counters);
 }
 

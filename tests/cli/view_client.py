@@ -333,8 +333,55 @@ def many(url):
     expect("200_connections_come_and_go", count == 200, count)
 
 
+def small_socket(segment=None):
+    """For socket.create_connection: little room for what is received; `segment`: the size of a TCP segment, as little for
+    what is sent."""
+
+    def connect(at, timeout=None):
+        link = socket.socket()
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        if segment:
+            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, segment)
+        link.settimeout(timeout)
+        link.connect(at)
+        return link
+
+    return connect
+
+
+def page_on(connect, url):
+    """A page whose socket is made by `connect`."""
+    plain = socket.create_connection
+    socket.create_connection = connect
+    try:
+        return Page(url)
+    finally:
+        socket.create_connection = plain
+
+
+def served_beside_a_deaf_page(url):
+    """Pictures arrive at one page while the server waits for room to send one to another page: that one then still gets its
+    picture whole. If the server had waited until its time limit, it would have dropped the page in the middle."""
+    deaf = page_on(small_socket(536), url)
+    deaf.look(width=960, height=540, view=0, aov="normal")  # a picture of about 500,000 bytes
+    page = Page(url)
+    page.wait("hello")
+    for view in range(6):  # in turn with the two or three of the other page
+        page.final(width=64, height=48, view=view)
+    page.socket.close()
+    try:
+        deaf.wait("picture", lambda picture: picture[0]["lossless"])
+    except (Closed, OSError):
+        return False
+    finally:
+        deaf.socket.close()
+    return True
+
+
 def never_reads(url):
-    """A page that never reads does not delay another one."""
+    """Pages that never read do not delay another one."""
+    # On a loaded machine the pictures may take longer than the server's time limit.
+    expect("a_deaf_page_delays_nobody", any(served_beside_a_deaf_page(url) for _ in range(5)))
     deaf = Page(url)
     for serial in range(300):
         try:
@@ -343,11 +390,9 @@ def never_reads(url):
             deaf.socket.send({"type": "ack", "number": serial})
         except OSError:
             break
-    start = time.monotonic()
     page = Page(url)
     page.wait("hello")
     page.final(width=64, height=48, view=0)
-    expect("a_deaf_page_delays_nobody", time.monotonic() - start < 20)
     page.socket.close()
     deaf.socket.close()
 
@@ -421,18 +466,7 @@ def idle(url):
 def stalled(url, seconds):
     """A page that stops reading within a picture is dropped there: nothing follows a part of a message. Reads again after
     1 to 2 times the server's time limit, when a server that continues is sending the next message."""
-    plain = socket.create_connection
-
-    def small(at, timeout=None):
-        link = socket.socket()
-        link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        link.settimeout(timeout)
-        link.connect(at)
-        return link
-
-    socket.create_connection = small
-    deaf = Page(url)
-    socket.create_connection = plain
+    deaf = page_on(small_socket(), url)
     deaf.wait("hello")
     deaf.look(width=4000, height=4000, view=0)
     size = 0

@@ -29,36 +29,41 @@ near halves "$temporary/hdr" --iterations 12 --spare on --checkpoint-every 10
 near small "$room" --downscale 8 --iterations 150 --spare on
 near refined "$room" --downscale 4 --iterations 30 --init "$temporary/small"
 
-# no_run_exceeds_its_limit (tiny images, few and many threads; the update that would exceed it is not made, and resuming with
-# a larger limit gives the same model)
-run 0 train "$room" --downscale 8 --iterations 200 --spare off --quiet -o "$temporary/unlimited" --threads 2
+# no_run_exceeds_its_limit (tiny images, few and many threads; the update that would exceed it is not made, and resuming
+# without the limit gives the same model). The estimates for the first and the last number of primitives give the limits.
+limited() { # LIMIT in bytes: in $temporary/limited; sets status
+    last_command="train --downscale $scale --threads $threads --max-memory ${1}B"
+    status=0
+    rm -rf "$temporary/limited"
+    "$program" train "${small[@]}" -o "$temporary/limited" --max-memory "${1}B" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
+}
+peak_is_below() { json "$temporary/limited/summary.json" ".peak_rss_bytes <= $1"; }
 settings=('8 2')
-limits=(160 175 190 220) # refused at the start, by the first and by a later update, and enough
-if is_long; then
-    settings+=('4 4' '16 1' '4 2')
-    limits+=(205)
-fi
+if is_long; then settings+=('4 4' '16 1' '4 2'); fi
 for setting in "${settings[@]}"; do
     read -r scale threads <<<"$setting"
-    for limit in "${limits[@]}"; do
-        last_command="train --downscale $scale --threads $threads --max-memory ${limit}M"
-        status=0
-        rm -rf "$temporary/limited"
-        "$program" train "$room" --downscale "$scale" --iterations 200 --spare off --quiet -o "$temporary/limited" --threads "$threads" \
-            --max-memory "${limit}M" >"$temporary/stdout" 2>"$temporary/stderr" || status=$?
-        if [ -e "$temporary/limited/summary.json" ]; then
-            check peak_is_below_the_limit jq -e ".peak_rss_bytes <= $limit * 1048576" "$temporary/limited/summary.json"
-            check status_matches_the_end test "$status" = "$(jq 'if .stop_reason == "memory_limit" then 1 else 0 end' "$temporary/limited/summary.json")"
-        else
-            check refused_at_the_start test "$status" = 1
-            reports "more than --max-memory"
-        fi
-        if [ "$setting" = '8 2' ] && [ "$status" = 1 ] && [ -e "$temporary/limited/summary.json" ]; then
-            reports "may exceed --max-memory; saved a checkpoint"
-            run 0 train "$room" --downscale 8 --iterations 200 --spare off --quiet -o "$temporary/limited" --threads 2 --resume
-            check the_model_is_the_same cmp <(jq .model_hash "$temporary/limited/summary.json") <(jq .model_hash "$temporary/unlimited/summary.json")
-        fi
+    small=("$room" --downscale "$scale" --iterations 200 --spare off --quiet --threads "$threads")
+    run 0 train "${small[@]}" -o "$temporary/unlimited" --overwrite
+    last=$(jq .memory_estimate_bytes "$temporary/unlimited/summary.json")
+    limited $((last / 2))
+    check refused_at_the_start test "$status" = 1 -a ! -e "$temporary/limited/summary.json"
+    reports "more than --max-memory"
+    first=$(sed -n 's/.* requires about \([0-9.]*\) GiB .*/\1/p' "$temporary/stderr" | awk '{ printf "%d", $1 * 2 ^ 30 }')
+    check the_estimate_grows_with_the_model test $((last - first)) -gt 10000000
+    for share in 20 60; do # percent of the growth: refused by the first and by a later update
+        limit=$((first + (last - first) / 100 * share))
+        limited $limit
+        check stopped_before_the_update test "$status" = 1
+        reports "may exceed --max-memory; saved a checkpoint"
+        json "$temporary/limited/summary.json" '.stop_reason == "memory_limit" and .iterations < 200'
+        peak_is_below $limit
+        run 0 train "${small[@]}" -o "$temporary/limited" --resume
+        check the_model_is_the_same cmp <(jq .model_hash "$temporary/limited/summary.json") <(jq .model_hash "$temporary/unlimited/summary.json")
     done
+    limit=$(jq '[.memory_estimate_bytes, .peak_rss_bytes] | max * 1.2 | floor' "$temporary/unlimited/summary.json")
+    limited "$limit"
+    check the_limit_is_enough test "$status" = 0
+    peak_is_below "$limit"
 done
 
 # the_estimate_counts_the_resumed_model: `small` has more primitives than the scene has points

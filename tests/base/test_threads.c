@@ -20,6 +20,7 @@
 
 #include "base/core.h"
 #include "support/rest.h"
+#include "support/skip_support.h"
 #include "base/threads.h"
 #include "sparegs/runtime.h"
 
@@ -257,7 +258,7 @@ static void a_forked_process_has_loops_of_its_own(void **state)
 {
     (void)state;
 #ifdef NO_THREADS_AFTER_FORK
-    skip();
+    skip_because("the thread sanitizer ends a process that starts threads after fork");
 #endif
     sgsi_threads_set(4);
     assert_int_equal(run_tally(ITEMS, 1), 0);
@@ -311,7 +312,7 @@ static void a_thread_may_end_in_the_process_it_forked(void **state)
 {
     (void)state;
 #ifdef NO_THREADS_AFTER_FORK
-    skip();
+    skip_because("the thread sanitizer ends a process that starts threads after fork");
 #endif
     sgsi_threads_set(4);
     atomic_size_t wrong = 1;

@@ -30,6 +30,13 @@ is_sanitized() { grep -qE "^SPAREGS_SANITIZE:[A-Z]*=${1:-.}" "$SPAREGS_BUILD/CMa
 # is_long: the test is run by test_cli_parts_long, with the parts that are too slow for every run.
 is_long() { [ -n "${SPAREGS_LONG:-}" ]; }
 
+# installed PROGRAM: for parts of a test that use a program which is not required; reports that they are skipped.
+installed() {
+    command -v "$1" >/dev/null && return
+    echo "skipped: $1 is not installed"
+    return 1
+}
+
 # find_mpirun: sets launcher to mpirun with its options; without it or a plug-in the test is skipped.
 find_mpirun() {
     if ! command -v mpirun >/dev/null || ! ls "$SPAREGS_BUILD"/ranks-*.so >/dev/null 2>&1; then
@@ -48,7 +55,7 @@ find_torch() {
     for python in python3 /usr/bin/python3; do
         if "$python" -c 'import numpy, torch' 2>/dev/null; then return; fi
     done
-    echo "PyTorch is not installed; tools/setup.sh --long installs it"
+    echo "skipped: PyTorch is not installed; tools/setup.sh --long installs it"
     exit 77
 }
 

@@ -151,7 +151,7 @@ filters() { PATH=$temporary/bin:$PATH run 0 render "$model" "$1" --orbit 2 --siz
 check aspect_of_mp4 test "$(filters "$temporary/squeezed" mp4 | grep -o 'tv,.*')" = tv,setsar=r=0.5:max=1000
 check aspect_of_avi test "$(filters "$temporary/squeezed" avi | grep -o '2,set.*')" = 2,setsar=r=0.5:max=1000
 check square_pixels bash -c "! grep -q setsar <<<'$(filters "$temporary/square" mp4)'"
-if command -v ffprobe >/dev/null; then
+if installed ffprobe; then
     run 0 render "$model" "$temporary/squeezed" --orbit 2 --size 32x18 --video "$temporary/real.mp4"
     check aspect_of_the_video test "$(ffprobe -v error -show_entries stream=sample_aspect_ratio -of csv=p=0 "$temporary/real.mp4")" = 1:2
 fi

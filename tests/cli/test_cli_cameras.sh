@@ -667,7 +667,7 @@ for film in "$temporary/video" "$temporary/" "$temporary/video." .mp4; do
 done
 run 2 render "$model" "$room" --orbit 2
 reports "or --video FILE"
-if command -v ffprobe >/dev/null; then # the real one, where it is
+if installed ffprobe; then # the real one, where it is
     run 0 render "$model" "$room" --orbit 3 --size 33x21 --video "$temporary/real.mp4"
     check a_video bash -c "ffprobe -v error -count_frames -show_entries stream=nb_read_frames,width,height -of csv '$temporary/real.mp4' |
         grep -q '34,22,3'"

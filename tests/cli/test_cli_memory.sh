@@ -8,7 +8,7 @@
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 if is_sanitized; then
-    echo "a sanitizer keeps its own books; nothing to compare"
+    echo "skipped: a sanitizer keeps its own books; nothing to compare"
     exit 77
 fi
 mkdir -p "$temporary/hdr/images"

@@ -142,7 +142,7 @@ run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --overscan
 check flattened_with_overscan_is_flat_and_dwaa_has_the_window oiiotool --fail 0.001 "$temporary/over/0009.exr" --ch R,G,B,A \
     "$temporary/over/0009.deep.exr" --flatten --ch R,G,B,A --diff \
     --fail 0.03 --failpercent 1 "$temporary/over/0009.exr" --ch R,G,B,A "$temporary/coded/0009.exr" --ch R,G,B,A --diff
-if command -v exrcheck >/dev/null; then
+if installed exrcheck; then
     check exrcheck_accepts_it exrcheck "$temporary/coded/0009.exr" "$temporary/over/0009.exr" "$temporary/over/0009.deep.exr"
 fi
 run 2 render "$model" "$room" --orbit 2 --overscan 4 --video "$temporary/v.mp4" -o "$temporary/over"
@@ -184,7 +184,7 @@ check the_default_is_ray cmp "$temporary/deep_unchosen/0009.deep.exr" "$temporar
 check z_differs bash -c "! cmp -s '$temporary/deep_unchosen/0009.deep.exr' '$temporary/deep_z/0009.deep.exr'"
 run 0 render "$model" "$room" --view 0009 --size 48x27 --aov rgba,depth -o "$temporary/deep_none"
 check "no_note: flat files" test "$(grep -cF -- "$note" "$temporary/stderr")" = 0
-if command -v exrcheck >/dev/null; then
+if installed exrcheck; then
     check exrcheck_accepts_it exrcheck "$temporary/deep/0009.deep.exr" "$temporary/deep/0009.exr" "$temporary/all/0009.exr"
 fi
 check exrheader_reads_it exrheader "$temporary/deep/0009.deep.exr"

@@ -46,7 +46,7 @@ for map in profile tiles; do
     check "${map}_exr_opens" oiiotool --info -v "$temporary/maps/0009.$map.exr"
 done
 check hits_are_in_the_exr bash -c "oiiotool --info -v '$temporary/maps/0009.profile.exr' | grep -q 'hits.count'"
-if command -v exrcheck >/dev/null; then
+if installed exrcheck; then
     check valid_by_exrcheck exrcheck "$temporary/maps/0009.profile.exr" "$temporary/maps/0009.tiles.exr"
 fi
 for map in hits block_hits tile_candidates tile_cost; do

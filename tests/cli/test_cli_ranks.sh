@@ -79,7 +79,7 @@ if [ "${#launcher[@]}" -gt 1 ] && [ "$(nproc)" -gt 1 ]; then
 fi
 
 # MPICH, where it is installed besides Open MPI.
-if is_long && command -v mpirun.mpich >/dev/null && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
+if is_long && installed mpirun.mpich && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
     default=("${launcher[@]}")
     launcher=(mpirun.mpich)
     for count in 2 3; do

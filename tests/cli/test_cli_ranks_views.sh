@@ -66,7 +66,7 @@ for count in "${counts[@]}"; do
 done
 ranks 0 2 render "$model" "$room" --orbit 1 --size 60x34 --video "$temporary/frame.mp4" --threads 1
 check a_single_frame test "$(stat -c %s "$temporary/frame.mp4")" = $((60 * 34 * 3))
-if is_long && command -v mpirun.mpich >/dev/null && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
+if is_long && installed mpirun.mpich && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
     openmpi=("${launcher[@]}")
     launcher=(mpirun.mpich)
     ranks 0 3 render "${path[@]}" --video "$temporary/mpich.mp4"
@@ -315,7 +315,7 @@ on_all_ranks
 
 # ---- The real encoder, where it is: the same file ----
 export PATH=$real_path
-if command -v ffmpeg >/dev/null; then
+if installed ffmpeg; then
     encoded=("$model" "$room" --orbit 9 --size 168x94 --threads 1 --quiet)
     run 0 render "${encoded[@]}" --video "$temporary/real.mp4"
     ranks 0 4 render "${encoded[@]}" --video "$temporary/real4.mp4"

@@ -96,7 +96,7 @@ prints "over 35 images (35 training images, 0 held out)"
 # another_scene_causes_a_warning
 cp -r "$room" "$temporary/other"
 sed_poses() { awk '/^#/ { print; next } { if (++n % 2) { $6 += 3 } print }' "$1" >"$1.new" && mv "$1.new" "$1"; }
-if command -v colmap >/dev/null; then
+if installed colmap; then
     colmap model_converter --input_path "$temporary/other/sparse/0" --output_path "$temporary/other/sparse/0" --output_type TXT >/dev/null 2>&1
     rm -f "$temporary"/other/sparse/0/*.bin
     sed_poses "$temporary/other/sparse/0/images.txt"

@@ -5,6 +5,6 @@
 # formats_agree_with_other_programs: see tools/scripts/compare_formats.sh. Skipped without node, python3 or the packages.
 set -euo pipefail
 for tool in node npm python3; do
-    command -v "$tool" >/dev/null || { echo "$tool is not installed"; exit 77; }
+    command -v "$tool" >/dev/null || { echo "skipped: $tool is not installed"; exit 77; }
 done
 exec "$SPAREGS_SOURCE/tools/scripts/compare_formats.sh"

@@ -18,12 +18,12 @@ launchers=()
 if command -v mpirun.openmpi >/dev/null && [ -e "$SPAREGS_BUILD/ranks-openmpi.so" ]; then
     launchers+=("mpirun.openmpi --oversubscribe --bind-to none" "mpirun.openmpi --oversubscribe --bind-to none --mca btl tcp,self")
 else
-    echo "without Open MPI (install libopenmpi-dev and openmpi-bin)"
+    echo "skipped: Open MPI is missing (install libopenmpi-dev and openmpi-bin)"
 fi
 if command -v mpirun.mpich >/dev/null && [ -e "$SPAREGS_BUILD/ranks-mpich.so" ]; then
     launchers+=("mpirun.mpich")
 else
-    echo "without MPICH (install libmpich-dev and mpich)"
+    echo "skipped: MPICH is missing (install libmpich-dev and mpich)"
 fi
 if [ "${#launchers[@]}" = 0 ]; then
     echo "skipped: no launcher"

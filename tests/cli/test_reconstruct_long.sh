@@ -7,7 +7,7 @@ set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
 if ! command -v colmap >/dev/null; then
-    echo "COLMAP is not installed; tools/setup.sh --long installs it"
+    echo "skipped: COLMAP is not installed; tools/setup.sh --long installs it"
     exit 77
 fi
 run 0 reconstruct "$room/images" -o "$temporary/scene" --matcher sequential --json --quiet

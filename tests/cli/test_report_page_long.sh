@@ -8,7 +8,7 @@ set -euo pipefail
 
 browser=$(command -v chromium || command -v chromium-browser || true)
 if [ -z "$browser" ]; then
-    echo "Chromium is not installed; tools/setup.sh --long installs it"
+    echo "skipped: Chromium is not installed; tools/setup.sh --long installs it"
     exit 77
 fi
 load() { # PAGE: what is in the document once its script has run

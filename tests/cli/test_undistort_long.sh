@@ -9,7 +9,7 @@ set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 
 if ! command -v colmap >/dev/null; then
-    echo "COLMAP is not installed; tools/setup.sh --long installs it"
+    echo "skipped: COLMAP is not installed; tools/setup.sh --long installs it"
     exit 77
 fi
 export QT_QPA_PLATFORM=offscreen

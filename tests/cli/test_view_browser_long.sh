@@ -8,7 +8,7 @@ set -u
 # shellcheck source-path=SCRIPTDIR source=cli_support.sh
 source "$SPAREGS_SOURCE/tests/cli/cli_support.sh"
 if ! command -v chromium chromium-browser google-chrome >/dev/null; then
-    echo "Chromium is not installed; tools/setup.sh --long installs it"
+    echo "skipped: Chromium is not installed; tools/setup.sh --long installs it"
     exit 77
 fi
 run 0 train "$room" -o "$temporary/run" --iterations 600 --downscale 2 --eval --quiet

@@ -17,6 +17,7 @@
 #include "support/locale_support.h"
 #include "support/model_support.h"
 #include "support/scene_support.h"
+#include "support/skip_support.h"
 #include "sparegs/model_file.h"
 
 static void lod_levels_are_nested(void **state)
@@ -355,7 +356,7 @@ static void usda_is_written_in_any_language(void **state)
 {
     (void)state;
     if (!decimal_comma_set())
-        skip(); // the system cannot make a locale
+        skip_because("the system cannot make a locale");
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model = model_random(3, 1), *back;
     const sgs_status status = sgs_model_write(temp_path(&folder, "a.usda"), model, NULL, NULL);

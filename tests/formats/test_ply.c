@@ -20,6 +20,7 @@
 #include "base/core.h"
 #include "support/files_support.h"
 #include "support/locale_support.h"
+#include "support/skip_support.h"
 #include "sparegs/gaussians.h"
 #include "sparegs/render.h"
 
@@ -341,7 +342,7 @@ static void ply_reads_text_in_any_language(void **state)
 {
     (void)state;
     if (!decimal_comma_set())
-        skip(); // the system cannot make a locale
+        skip_because("the system cannot make a locale");
     const temp_folder folder = temp_folder_make();
     sgs_gaussians *model = read_text(
         &folder, 1, "1.5 -2e-3 +3\n\n4 5 -6\t.25 1 1 1 \r\n1 0 0 0"); // no final line feed

@@ -339,8 +339,7 @@ static void overscan_surrounds_the_display_window(void **state)
         exr_finish(&context);
         static char output[1 << 16];
         const char *const compare[] = {"oiiotool", path, "--ch", "depth.Z", "--printinfo", NULL};
-        if (run_program(compare, output, sizeof output) == 127)
-            continue;
+        assert_int_equal(run_program(compare, output, sizeof output), 0);
         char origin[64];
         snprintf(origin, sizeof origin, "pixel data origin: x=%d, y=%d", -OVER, -OVER);
         assert_non_null(strstr(output, origin));
@@ -388,10 +387,6 @@ static void exr_is_readable_by_another_program(void **state)
     static char output[1 << 16];
     const char *const information[] = {"oiiotool", "--info", "-v", path, NULL};
     const int status = run_program(information, output, sizeof output);
-    if (status == 127) {
-        temp_folder_remove(&folder);
-        skip();
-    }
     assert_int_equal(status, 0);
     static const char *const expected[] = {
         "3 x    2, 3 channel",
@@ -456,10 +451,6 @@ static void exr_dwaa_is_lossy_for_colors_only(void **state)
                                        "--ch",        named[k].name, paths[1], "--ch",
                                        named[k].name, "--diff",      NULL};
         const int status = run_program(compare, output, sizeof output);
-        if (status == 127) {
-            temp_folder_remove(&folder);
-            skip();
-        }
         if (!status == named[k].lossy || strstr(output, "ERROR"))
             fail_msg("%s: oiiotool ends with %d: %s", named[k].name, status, output);
     }

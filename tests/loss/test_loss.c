@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include <cmocka.h>
-
+#include "support/skip_support.h"
 #include "base/core.h"
 #include "image/half.h"
 #include "loss/loss.h"
@@ -650,7 +650,7 @@ static void avx2_and_avx512_give_the_same_bits(void **state)
 {
     (void)state;
     if (!sgs_isa_supported(SGS_ISA_AVX512) || !sgs_isa_supported(SGS_ISA_AVX2))
-        skip();
+        skip_because("no AVX-512, or a build without it");
     for (int kind = 0; kind < CONTENT_COUNT; ++kind) {
         scene s = make_scene(277, 131, 4, (content)kind, tinted);
         assert_int_equal(sgs_isa_set(SGS_ISA_AVX2), SGS_STATUS_OK);

@@ -6,11 +6,11 @@
 # its chains, twelve, in the object of each instruction set.
 set -euo pipefail
 objects=$SPAREGS_BUILD/CMakeFiles/sparegs-objects.dir/src/measure
-command -v objdump >/dev/null || { echo "objdump is not installed"; exit 77; }
-[ "$(uname -m)" = x86_64 ] || { echo "only for x86-64"; exit 77; }
+command -v objdump >/dev/null || { echo "skipped: objdump is not installed"; exit 77; }
+[ "$(uname -m)" = x86_64 ] || { echo "skipped: only for x86-64"; exit 77; }
 jq -e '[.[] | select(.file | endswith("/limit_kernels_baseline.c")) | .command] |
     all(test("-O[23]") and (test("-fsanitize") | not))' "$SPAREGS_BUILD/compile_commands.json" >/dev/null ||
-    { echo "not an optimised build"; exit 77; }
+    { echo "skipped: not an optimised build"; exit 77; }
 
 # loops FILE INSTRUCTION: how many of these instructions are in each loop of multiply_add that has any.
 loops() {

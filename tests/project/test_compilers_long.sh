@@ -10,7 +10,7 @@ for program in clang clang-16 clang-tidy cppcheck; do
     command -v $program >/dev/null || missing+=("$program")
 done
 if [ ${#missing[@]} -gt 0 ]; then
-    echo "not installed: ${missing[*]}; tools/setup.sh --long installs them"
+    echo "skipped: not installed: ${missing[*]}; tools/setup.sh --long installs them"
     exit 77
 fi
 cd "$SPAREGS_SOURCE"

@@ -5,7 +5,7 @@
 # The whole default suite under the thread sanitizer. SUITE=regex selects tests.
 set -euo pipefail
 if ! command -v clang >/dev/null; then
-    echo "clang is not installed; tools/setup.sh --long installs it"
+    echo "skipped: clang is not installed; tools/setup.sh --long installs it"
     exit 77
 fi
 cd "$SPAREGS_SOURCE"

@@ -17,6 +17,7 @@
 #include "scene/colmap.h"
 #include "scene/scene_find.h"
 #include "support/scene_support.h"
+#include "support/skip_support.h"
 
 static const char *const kinds[2] = {"txt", "bin"};
 
@@ -676,7 +677,7 @@ static void decimal_points_do_not_depend_on_the_locale(void **state)
     const temp_folder folder = whole_model(false);
     if (!decimal_comma_set()) {
         tree_remove(&folder);
-        skip(); // the system cannot make a locale
+        skip_because("the system cannot make a locale");
     }
     sgsi_dataset d;
     const sgs_status status = sgsi_colmap_read(folder.path, &d);

@@ -12,11 +12,12 @@
 #include <stdint.h>
 
 #include <cmocka.h>
-
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "support/skip_support.h"
 
 #include "base/core.h"
 #include "simd/simd_probe.h"
@@ -484,7 +485,7 @@ static void avx2_and_avx512_give_the_same_bits(void **state)
     (void)state;
 #ifdef SGSI_AVX_KERNELS
     if (!sgs_isa_supported(SGS_ISA_AVX512))
-        skip();
+        skip_because("no AVX-512");
     const simd_probe *narrow = &simd_probe_avx2, *wide = &simd_probe_avx512;
     static float x[1 << 16] __attribute__((aligned(64))), y[1 << 16] __attribute__((aligned(64)));
     static float left[1 << 16] __attribute__((aligned(64))),
@@ -505,7 +506,7 @@ static void avx2_and_avx512_give_the_same_bits(void **state)
         assert_memory_equal(a, b, sizeof a);
     }
 #else
-    skip();
+    skip_because("a build without AVX kernels");
 #endif
 }
 

@@ -139,8 +139,8 @@ static inline void files_unlimited(void)
     signal(SIGXFSZ, files_before.handler);
 }
 
-// Runs a program (searched in PATH) and returns its exit status, 127 if it is not installed.
-// `output` receives stdout and stderr, NUL-terminated and truncated to `capacity`.
+// Runs a program (searched in PATH), which must be installed, and returns its exit status. `output`
+// receives stdout and stderr, NUL-terminated and truncated to `capacity`.
 static inline int run_program(const char *const arguments[], char *output, size_t capacity)
 {
     int ends[2];
@@ -171,5 +171,7 @@ static inline int run_program(const char *const arguments[], char *output, size_
     close(ends[0]);
     int status;
     assert_int_equal(waitpid(child, &status, 0), child);
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
+        fail_msg("%s is not installed; tools/setup.sh installs it", arguments[0]);
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
 }

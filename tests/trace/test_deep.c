@@ -343,10 +343,6 @@ static void deep_files_are_readable_by_another_program(void **state)
             fail_msg("%s", sgs_last_error());
         const char *const dump[] = {"oiiotool", "--info", "-v", "--dumpdata", path, NULL};
         const int status = run_program(dump, output, sizeof output);
-        if (status == 127) {
-            temp_folder_remove(&folder);
-            skip();
-        }
         assert_int_equal(status, 0);
         assert_non_null(strstr(output, run ? "compression: \"none\"" : "compression: \"zips\""));
         assert_non_null(strstr(output, "deep float"));

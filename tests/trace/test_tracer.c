@@ -17,6 +17,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "support/skip_support.h"
 #include "support/tracer_support.h"
 #include "trace/tracer_state.h"
 
@@ -377,7 +378,7 @@ static void avx2_and_avx512_trace_the_same_bits(void **state)
 {
     (void)state;
     if (!sgs_isa_supported(SGS_ISA_AVX512) || !sgs_isa_supported(SGS_ISA_AVX2))
-        skip();
+        skip_because("no AVX-512, or a build without it");
     const sgs_pose pose = oracle_pose_look_at(0.3, -0.2, -4);
     for (int number = 0; number < TRACED_SCENE_COUNT; ++number) {
         oracle_scene scene = traced_scene(number);
@@ -536,7 +537,7 @@ static void reservations_leave_address_space_to_the_lists(void **state)
 static void reservations_leave_address_space_to_the_lists(void **state)
 {
     (void)state;
-    skip();
+    skip_because("the sanitizer reserves the address space");
 }
 #endif
 

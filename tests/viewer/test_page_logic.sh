@@ -5,7 +5,7 @@
 # The logic of the pages without a browser: see page_logic.js. Skipped without node.
 set -euo pipefail
 if ! command -v node >/dev/null; then
-    echo "node is not installed; tools/setup.sh installs it"
+    echo "skipped: node is not installed; tools/setup.sh installs it"
     exit 77
 fi
 node "$SPAREGS_SOURCE/tests/viewer/page_logic.js"

@@ -230,6 +230,30 @@ static void the_memory_peak_is_at_least_every_reading(void **state)
     assert_true(sgs_rss_peak() >= most);
 }
 
+// ---- Statuses ----
+
+static void every_status_has_a_text_of_its_own(void **state)
+{
+    (void)state;
+#define STATUS(name, text) SGS_STATUS_##name,
+    static const sgs_status all[] = {SGS_STATUS_LIST(STATUS)};
+#undef STATUS
+    enum { COUNT = sizeof all / sizeof *all };
+    assert_int_equal(all[COUNT - 1], COUNT - 1); // without gaps
+    for (int i = 0; i < COUNT; ++i) {
+        assert_true(*sgs_status_text(all[i]));
+        for (int k = 0; k < i; ++k)
+            assert_string_not_equal(sgs_status_text(all[i]), sgs_status_text(all[k]));
+    }
+    assert_string_equal(sgs_status_text(SGS_STATUS_OUT_OF_MEMORY), "out of memory");
+    const sgs_status unknown[] = {(sgs_status)COUNT, (sgs_status)-1};
+    for (int i = 0; i < 2; ++i) {
+        assert_non_null(sgs_status_text(unknown[i]));
+        for (int k = 0; k < COUNT; ++k)
+            assert_string_not_equal(sgs_status_text(unknown[i]), sgs_status_text(all[k]));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -241,6 +265,7 @@ int main(void)
         cmocka_unit_test(folders_are_made_with_their_parents),
         cmocka_unit_test(a_folder_without_a_name_is_refused),
         cmocka_unit_test(the_memory_peak_is_at_least_every_reading),
+        cmocka_unit_test(every_status_has_a_text_of_its_own),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -550,10 +550,53 @@ static void exr_rejects_invalid_arguments(void **state)
     temp_folder_remove(&folder);
 }
 
+static void frame_rates_are_rational(void **state)
+{
+    (void)state;
+    static const struct {
+        double rate;
+        int numerator, denominator;
+    } cases[] = {{24, 24, 1},           {23.976, 24000, 1001}, {23.98, 23980, 1000},
+                 {29.97, 30000, 1001},  {29.5, 29500, 1000},   {119.88, 120000, 1001},
+                 {22.977, 22977, 1000}, {0.001, 1, 1000},      {1e6, 1000000, 1},
+                 {12.3456, 12346, 1000}};
+    int numerator = -1, denominator = -2;
+    const double wrong[] = {0, 0.0009, -24, 1.001e6, NAN, INFINITY};
+    for (size_t k = 0; k < sizeof wrong / sizeof *wrong; ++k)
+        assert_false(sgs_frame_rate(wrong[k], &numerator, &denominator));
+    assert_true(numerator == -1 && denominator == -2);
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        assert_true(sgs_frame_rate(cases[k].rate, &numerator, &denominator));
+        if (numerator != cases[k].numerator || denominator != cases[k].denominator)
+            fail_msg("%g: %d/%d", cases[k].rate, numerator, denominator);
+    }
+}
+
+static void pixels_of_calibrations_are_square(void **state)
+{
+    (void)state;
+    static const struct {
+        double fx, fy;
+        int width, height;
+        double aspect;
+    } cases[] = {{500, 500, 640, 480, 1},     {500, 504, 640, 480, 1}, // 0.8 %
+                 {500, 506, 640, 480, 1.012}, {500, 494, 640, 480, 0.988}, {500, 506, 640, 80, 1},
+                 {500, 506, 80, 640, 1}, // less than 1/80
+                 {500, 510, 640, 80, 1.02},   {100, 50, 640, 480, 0.5},    {50, 100, 640, 480, 2}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        const double aspect =
+            sgs_pixel_aspect(cases[k].fx, cases[k].fy, cases[k].width, cases[k].height);
+        if (!(fabs(aspect - cases[k].aspect) < 1e-12))
+            fail_msg("case %zu: %g", k, aspect);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(exr_pixels_round_trip),
+        cmocka_unit_test(frame_rates_are_rational),
+        cmocka_unit_test(pixels_of_calibrations_are_square),
         cmocka_unit_test(exr_header_has_the_attributes),
         cmocka_unit_test(overscan_surrounds_the_display_window),
         cmocka_unit_test(exr_is_readable_by_another_program),

@@ -4,6 +4,7 @@
 // Photos: all pixel formats become 8-bit RGB or RGBA, broken and oversized files are rejected,
 // area averaging is exact, and PNG files round-trip bit by bit.
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -489,6 +490,22 @@ static void failing_allocations_are_reported(void **state)
     tree_remove(&folder);
 }
 
+// IEC 61966-2-1 in double precision; outside of [0, 1], its two branches continue.
+static void srgb_is_the_transfer_function_of_the_standard(void **state)
+{
+    (void)state;
+    for (int i = -200; i <= 1200; ++i) {
+        const double encoded = i * 0.00125, linear = encoded <= 0.04045
+                                                         ? encoded / 12.92
+                                                         : pow((encoded + 0.055) / 1.055, 2.4);
+        const double scale = fabs(linear) + 1e-3;
+        assert_true(fabs((double)sgs_srgb_decode((float)encoded) - linear) <= 1e-6 * scale);
+        assert_true(fabs((double)sgs_srgb_encode((float)linear) - encoded) <= 2e-6);
+    }
+    assert_true(fabs((double)sgs_srgb_decode(0.5f) - 0.21404114048223255) < 1e-7);
+    assert_true(sgs_srgb_decode(0) == 0 && sgs_srgb_decode(1) == 1);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -497,6 +514,7 @@ int main(void)
         cmocka_unit_test(all_pixel_formats_become_eight_bit_rgb),
         cmocka_unit_test(straight_alpha_is_read_from_jpeg2000_and_webp),
         cmocka_unit_test(gamma_of_srgb_is_srgb),
+        cmocka_unit_test(srgb_is_the_transfer_function_of_the_standard),
         cmocka_unit_test(palettes_are_expanded),
         cmocka_unit_test(photos_keep_rows_and_planes),
         cmocka_unit_test(png_round_trips_bit_by_bit),

@@ -179,6 +179,29 @@ static void distances_agree_with_pytorch(void **state)
     }
 }
 
+// Of four halvings (VGG), and of strides 4, 2, 2 with kernels 11, 3, 3 and 2 pixels of padding.
+static void images_may_have_the_smallest_size(void **state)
+{
+    (void)state;
+    for (int network = 0; network < 2; ++network) {
+        sgs_lpips *lpips = read_network(network);
+        const int smallest = network ? 31 : 16;
+        assert_int_equal(sgs_lpips_min_size(lpips), smallest);
+        for (int k = 0; k < 3; ++k) {
+            const int width = smallest - (k == 1), height = smallest - (k == 2);
+            sgs_image8 a = picture(width, height, false), b = picture(width, height, true);
+            double distance = -1;
+            const sgs_status status =
+                sgs_lpips_distance(lpips, SGS_LPIPS_UNIT, &a, &b, NULL, &distance);
+            assert_int_equal(status, k ? SGS_STATUS_INVALID_ARGUMENT : SGS_STATUS_OK);
+            assert_true(k || (distance > 0 && isfinite(distance)));
+            sgs_image8_free(&a);
+            sgs_image8_free(&b);
+        }
+        sgs_lpips_destroy(lpips);
+    }
+}
+
 static void bits_do_not_depend_on_threads_or_bands(void **state)
 {
     (void)state;
@@ -354,6 +377,7 @@ int main(int argc, char **argv)
     snprintf(path, sizeof path, "%.40s/lpips.%ld", folder ? folder : "/tmp", (long)getpid());
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(distances_agree_with_pytorch),
+        cmocka_unit_test(images_may_have_the_smallest_size),
         cmocka_unit_test(bits_do_not_depend_on_threads_or_bands),
         cmocka_unit_test(masked_pixels_have_no_influence),
         cmocka_unit_test(bad_files_are_refused),

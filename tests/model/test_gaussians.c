@@ -364,6 +364,32 @@ static void a_copy_is_equal_whatever_was_there(void **state)
     sgs_gaussians_destroy(from);
 }
 
+static void opacities_are_stored_as_logits(void **state)
+{
+    (void)state;
+    static const float logits[] = {-30, -4.5f, 0, 1.25f, 7};
+    static const double linear[] = {0.25, 0.5, 0.75, 1, 1.5};
+    static const double expected[] = {-1.0986122886681098, 0, 1.0986122886681098,
+                                      13.815509557963774, 13.815509557963774}; // of 1 - 1e-6
+    sgs_gaussians *model = random_model(5, 16);
+    for (size_t i = 0; i < 5; ++i) {
+        *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) = logits[i];
+        assert_true(sgs_gaussians_opacity_logit(model, i) == logits[i]);
+    }
+    sgs_gaussians_linearize_opacity(model);
+    assert_true(model->linear_opacity);
+    for (size_t i = 1; i < 5; ++i) {
+        const double opacity = 1 / (1 + exp(-(double)logits[i]));
+        assert_true(fabs((double)*sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) - opacity) < 1e-7);
+        assert_true(fabs((double)(sgs_gaussians_opacity_logit(model, i) - logits[i])) < 1e-3);
+    }
+    for (size_t i = 0; i < 5; ++i) {
+        *sgs_gaussians_at(model, i, SGS_PARAM_OPACITY) = (float)linear[i];
+        assert_true(fabs((double)sgs_gaussians_opacity_logit(model, i) - expected[i]) < 1e-6);
+    }
+    sgs_gaussians_destroy(model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -380,6 +406,7 @@ int main(void)
         cmocka_unit_test(hash_sees_every_bit_and_only_the_rows),
         cmocka_unit_test(strided_copies_read_and_write_one_parameter),
         cmocka_unit_test(a_copy_is_equal_whatever_was_there),
+        cmocka_unit_test(opacities_are_stored_as_logits),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

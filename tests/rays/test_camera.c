@@ -418,6 +418,23 @@ static void resized_cameras_scale_their_pixels(void **state)
     }
 }
 
+static void shifted_cameras_move_their_image(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < LENSES; ++i) {
+        const sgs_camera camera = sgs_camera_shifted(&lenses[i], 3.25, -7.5);
+        const double point[3] = {0.31, -0.22, 1.1};
+        double before[2], after[2];
+        assert_true(camera.width == lenses[i].width && camera.height == lenses[i].height);
+        assert_true(sgs_camera_project(&lenses[i], point, before));
+        assert_true(sgs_camera_project(&camera, point, after));
+        assert_true(fabs(after[0] - before[0] - 3.25) < 1e-9);
+        assert_true(fabs(after[1] - before[1] + 7.5) < 1e-9);
+        const sgs_camera undone = sgs_camera_shifted(&camera, -3.25, 7.5);
+        assert_true(sgs_camera_equal(&undone, &lenses[i]) && !sgs_camera_equal(&camera, &undone));
+    }
+}
+
 static void resizing_keeps_one_focal_models_only_under_equal_scales(void **state)
 {
     (void)state;
@@ -662,6 +679,7 @@ int main(void)
         cmocka_unit_test(extreme_coefficients_neither_hang_nor_crash),
         cmocka_unit_test(alternating_cameras_are_independent),
         cmocka_unit_test(resized_cameras_scale_their_pixels),
+        cmocka_unit_test(shifted_cameras_move_their_image),
         cmocka_unit_test(resizing_keeps_one_focal_models_only_under_equal_scales),
         cmocka_unit_test(invalid_cameras_are_rejected_with_the_reason),
         cmocka_unit_test(model_names_and_ids_match_colmaps),

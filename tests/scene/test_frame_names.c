@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Names of photos in transforms.json: with and without the extension of an image format, and the
-// same in lists of names.
+// same in lists of names. Names that denote a view.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -128,6 +128,26 @@ static void any_failing_allocation_is_reported(void **state)
     tree_remove(&folder);
 }
 
+static void names_match_exactly_without_folder_or_without_extension(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *view, *name;
+        int match;
+    } cases[] = {{"a/b.c.png", "a/b.c.png", 0}, {"a/b.c.png", "b.c.png", 1},
+                 {"a/b.c.png", "a/b.c", 2},     {"a/b.c.png", "b.c", 2},
+                 {"a/b.c.png", "b", -1},        {"a/b.c.png", "a/b", -1},
+                 {"a/b.c.png", "c.png", -1},    {"a/b.c.png", "", -1},
+                 {"b.png", "b.png", 0},         {"b.png", "b", 2},
+                 {"b.png", "B.png", -1},        {"b.png", "b.pn", -1},
+                 {"a/none", "none", 1},         {"a/none", "a/none", 0},
+                 {"a.b/none", "a", -1},         {"a.b/none", "none", 1},
+                 {"x/a/b.png", "a/b", -1}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i)
+        if (sgs_view_name_match(cases[i].view, cases[i].name) != cases[i].match)
+            fail_msg("'%s' and '%s'", cases[i].view, cases[i].name);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -135,6 +155,7 @@ int main(void)
         cmocka_unit_test_setup(listed_names_are_those_of_frames, warnings_begin),
         cmocka_unit_test_setup(extended_names_have_the_limit_of_names, warnings_begin),
         cmocka_unit_test_setup(any_failing_allocation_is_reported, warnings_begin),
+        cmocka_unit_test(names_match_exactly_without_folder_or_without_extension),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

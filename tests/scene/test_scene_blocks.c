@@ -387,9 +387,35 @@ static void views_that_are_not_kept_count_for_the_scene(void **state)
     sgs_scene_destroy(whole);
 }
 
+static void the_nearest_finite_face_of_a_box_counts(void **state)
+{
+    (void)state;
+    sgs_box box = sgs_box_infinite();
+    const float point[3] = {1, -2, 0.5f};
+    assert_true(sgs_box_is_infinite(&box));
+    assert_true(isinf(sgs_box_face_distance(&box, point)));
+    static const float low[3] = {-1, -10, -0.25f}, high[3] = {1.5f, -1.75f, 8};
+    for (int k = 0; k < 6; ++k) { // one face
+        sgs_box one = sgs_box_infinite();
+        *(k < 3 ? &one.low[k] : &one.high[k - 3]) = k < 3 ? low[k] : high[k - 3];
+        assert_false(sgs_box_is_infinite(&one));
+        const float expected = k < 3 ? point[k] - low[k] : high[k - 3] - point[k - 3];
+        assert_true(sgs_box_face_distance(&one, point) == expected);
+    }
+    memcpy(box.low, low, sizeof low);
+    memcpy(box.high, high, sizeof high);
+    assert_true(sgs_box_face_distance(&box, point) == 0.25f); // to the upper face in y
+    assert_true(sgs_box_face_distance(&box, low) == 0);
+    // Infinite on the wrong side is not infinite.
+    box = sgs_box_infinite();
+    box.low[2] = INFINITY;
+    assert_false(sgs_box_is_infinite(&box));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_nearest_finite_face_of_a_box_counts),
         cmocka_unit_test(every_point_has_exactly_one_owner),
         cmocka_unit_test(work_is_balanced),
         cmocka_unit_test(a_quarter_of_the_lines_of_sight_pass_the_grown_cell),

@@ -4,7 +4,8 @@
 // sgs_ranks_collect on ranks that are threads of this process: blocks of any size arrive on rank 0
 // in the order of the ranks, from some or all of them, and only their bytes are counted. A rank
 // that fails, or has no memory, ends the call on all ranks with its message, also at the start.
-// sgs_ranks_compare reports the difference in lines of any length.
+// sgs_ranks_compare reports the difference in lines of any length. Broadcasts and flags reach all
+// ranks.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -379,6 +380,117 @@ static void other_sizes_than_on_rank_0_are_refused(void **state)
     }
 }
 
+// ---- Broadcasts and flags ----
+
+static void one_process_keeps_its_bytes_and_no_flags(void **state)
+{
+    (void)state;
+    char text[] = "bytes";
+    void *bytes = text;
+    size_t size = sizeof text;
+    assert_int_equal(sgs_ranks_broadcast(NULL, SGS_STATUS_OK, &bytes, &size), SGS_STATUS_OK);
+    assert_int_equal(sgs_ranks_broadcast(NULL, SGS_STATUS_IO, &bytes, &size), SGS_STATUS_IO);
+    assert_true(bytes == text && size == sizeof text);
+    sgs_ranks_raise(NULL, 5);
+    assert_int_equal(sgs_ranks_agree(NULL, SGS_STATUS_OK), SGS_STATUS_OK);
+    assert_int_equal(sgs_ranks_raised(NULL), 0);
+    sgs_ranks_lower(NULL, 5);
+    sgs_ranks_recover(NULL);
+}
+
+typedef struct told {
+    int failing;       // this rank passes a failure, -1 = none
+    size_t wrong;      // line of the first difference from what is documented, 0 = none
+    sgs_status status; // of the broadcast, of a call after it, and after sgs_ranks_recover
+    sgs_status again, recovered;
+    char message[256];
+} told;
+
+#define EXPECT(condition) told->wrong = told->wrong || (condition) ? told->wrong : __LINE__
+
+static void broadcast(void *context, sgs_ranks *ranks)
+{
+    told *told = context;
+    char first[] = "of rank 0", other[] = "other";
+    const bool leads = !sgs_ranks_rank(ranks);
+    void *const own = leads ? first : other;
+    void *bytes = own;
+    size_t size = leads ? sizeof first - 1 : 0;
+    const sgs_status status = sgs_ranks_rank(ranks) == told->failing
+                                  ? sgsi_fail(SGS_STATUS_FORMAT, "line 3 is damaged")
+                                  : SGS_STATUS_OK;
+    told->status = sgs_ranks_broadcast(ranks, status, &bytes, &size);
+    if (told->status) {
+        snprintf(told->message, sizeof told->message, "%s", sgs_last_error());
+        EXPECT(bytes == own);
+    } else {
+        EXPECT(size == 9 && !memcmp(bytes, "of rank 0", 9) && (bytes == own) == leads);
+        EXPECT(!((char *)bytes)[9]); // a NUL after the last byte
+    }
+    told->again = sgs_ranks_agree(ranks, SGS_STATUS_OK);
+    sgs_ranks_recover(ranks);
+    told->recovered = sgs_ranks_agree(ranks, SGS_STATUS_OK);
+    if (bytes != own)
+        free(bytes);
+}
+
+static void a_broadcast_arrives_on_all_ranks_or_fails_on_all(void **state)
+{
+    (void)state;
+    told members[3];
+    for (int count = 1; count <= 3; ++count)
+        for (int failing = -1; failing < count; ++failing) {
+            char text[40];
+            snprintf(text, sizeof text, "rank %d (", failing);
+            for (int r = 0; r < count; ++r)
+                members[r] = (told){.failing = failing};
+            ranks_run(count, members, sizeof *members, broadcast);
+            for (int r = 0; r < count; ++r) {
+                const told *m = &members[r];
+                if (m->wrong)
+                    fail_msg("rank %d of %d: line %zu", r, count, m->wrong);
+                assert_int_equal(m->status, failing < 0 ? SGS_STATUS_OK : SGS_STATUS_FORMAT);
+                assert_int_equal(m->again, m->status);
+                assert_int_equal(m->recovered, SGS_STATUS_OK);
+                assert_true(failing < 0 || (!strncmp(m->message, text, strlen(text)) &&
+                                            strstr(m->message, "line 3 is damaged")));
+            }
+        }
+}
+
+static void flag(void *context, sgs_ranks *ranks)
+{
+    told *told = context;
+    const int rank = sgs_ranks_rank(ranks), last = sgs_ranks_count(ranks) - 1;
+    const uint32_t sent = last ? 0x8001 : 1; // by rank 0 and, if there are several, by the last one
+    if (rank == 0)
+        sgs_ranks_raise(ranks, 1);
+    if (rank && rank == last)
+        sgs_ranks_raise(ranks, 0x8000);
+    EXPECT(sgs_ranks_raised(ranks) == 0); // no call yet
+    EXPECT(!sgs_ranks_agree(ranks, SGS_STATUS_OK) && sgs_ranks_raised(ranks) == sent);
+    EXPECT(!sgs_ranks_agree(ranks, SGS_STATUS_OK) && sgs_ranks_raised(ranks) == sent);
+    sgs_ranks_lower(ranks, 1);
+    EXPECT(sgs_ranks_raised(ranks) == (sent & 0x8000));
+    EXPECT(!sgs_ranks_agree(ranks, SGS_STATUS_OK) && sgs_ranks_raised(ranks) == (sent & 0x8000));
+    // A failed call carries them, too.
+    sgs_ranks_raise(ranks, rank == 0 ? 4 : 0);
+    EXPECT(sgs_ranks_agree_text(ranks, SGS_STATUS_IO, "lost") == SGS_STATUS_IO);
+    EXPECT(sgs_ranks_raised(ranks) == (4 | (sent & 0x8000)));
+}
+
+static void flags_are_known_to_all_until_they_are_lowered(void **state)
+{
+    (void)state;
+    for (int count = 1; count <= 3; count += 2) {
+        told members[3] = {{.failing = -1}};
+        ranks_run(count, members, sizeof *members, flag);
+        for (int r = 0; r < count; ++r)
+            if (members[r].wrong)
+                fail_msg("rank %d of %d: line %zu", r, count, members[r].wrong);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -392,6 +504,9 @@ int main(void)
         cmocka_unit_test(a_rank_without_memory_at_the_start_ends_all),
         cmocka_unit_test(calls_agree_without_memory),
         cmocka_unit_test(more_bytes_than_a_message_can_have_are_refused),
-        cmocka_unit_test(other_sizes_than_on_rank_0_are_refused)};
+        cmocka_unit_test(other_sizes_than_on_rank_0_are_refused),
+        cmocka_unit_test(one_process_keeps_its_bytes_and_no_flags),
+        cmocka_unit_test(a_broadcast_arrives_on_all_ranks_or_fails_on_all),
+        cmocka_unit_test(flags_are_known_to_all_until_they_are_lowered)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -153,6 +153,51 @@ static void counts_equal_the_oracle_and_times_add_up(void **state)
     oracle_scene_free(&scene);
 }
 
+// Steps as in sgs_bench_run, which sets the counts to 0.
+static void restored_steps_do_the_same_work(void **state)
+{
+    (void)state;
+    enum { VIEWS = 2, ROUNDS = 3 };
+    oracle_scene scene = oracle_random_model(23, COUNT, NULL);
+    sgs_view views[VIEWS];
+    for (int v = 0; v < VIEWS; ++v)
+        views[v] = (sgs_view){.name = v ? "b" : "a",
+                              .camera = oracle_camera(SGS_CAMERA_OPENCV, WIDTH, HEIGHT),
+                              .pose = oracle_pose_look_at(v, 0, -4)};
+    sgs_bench *bench;
+    sgs_bench_sample sample;
+    double work[ROUNDS][VIEWS], total = 0;
+    assert_int_equal(sgs_bench_create(scene.model, views, VIEWS, &bench), SGS_STATUS_OK);
+    assert_int_equal(sgs_bench_run(bench, &sample), SGS_STATUS_OK);
+    const sgs_bench_counts run = sgs_bench_counts_get(bench);
+    sample = (sgs_bench_sample){.iteration = 1};
+    assert_int_equal(sgs_bench_build(bench, &sample), SGS_STATUS_OK);
+    assert_true(sample.build > 0 && sample.iteration == 1 && sample.refit == 0);
+    const double build = sample.build;
+    double evaluations = run.evaluations;
+    for (int round = 0; round < ROUNDS; ++round)
+        for (int v = 0; v < VIEWS; ++v) {
+            const double before = sample.iteration;
+            assert_int_equal(sgs_bench_step(bench, &sample), SGS_STATUS_OK);
+            assert_true(sample.iteration > before && sample.build == build);
+            const double now = sgs_bench_counts_get(bench).evaluations;
+            work[round][v] = now - evaluations;
+            total += round ? 0 : work[round][v];
+            evaluations = now;
+            sgs_bench_restore(bench);
+        }
+    assert_true(total == VIEWS * run.evaluations);
+    for (int round = 0; round < ROUNDS; ++round) { // each view once, in any order
+        const double least = fmin(work[round][0], work[round][1]);
+        assert_true(least > 0 && least == fmin(work[0][0], work[0][1]));
+        assert_true(fmax(work[round][0], work[round][1]) == total - least && total > 2 * least);
+    }
+    assert_int_equal(sgs_bench_rank_build(bench, &sample), SGS_STATUS_OK);
+    assert_true(sample.rank_build > 0 && sample.build == build);
+    sgs_bench_destroy(bench);
+    oracle_scene_free(&scene);
+}
+
 // The bench draws with the given filter and near distance: of a small scene the default limit would
 // remove all hits.
 static void a_small_scene_is_measured_with_its_near_limit(void **state)
@@ -224,6 +269,7 @@ int main(void)
         cmocka_unit_test(scenes_have_statistics_of_trained_models),
         cmocka_unit_test(large_images_have_smaller_primitives),
         cmocka_unit_test(counts_equal_the_oracle_and_times_add_up),
+        cmocka_unit_test(restored_steps_do_the_same_work),
         cmocka_unit_test(a_small_scene_is_measured_with_its_near_limit),
         cmocka_unit_test(machine_limits_are_plausibly_ordered),
     };

@@ -192,16 +192,20 @@ static void a_loaded_state_is_written_as_the_same_bytes(void **state)
     free(b);
 }
 
-// Corrects the checksum of `bytes`; loading must fail and leave the trainer unchanged.
+// Corrects the checksum of `bytes`; checking and loading must fail and leave the trainer unchanged.
 static void refuses(sgs_trainer *trainer, unsigned char *bytes, size_t size, sgs_status expected,
                     const char *words)
 {
-    char before[17], after[17];
+    char before[17], after[17], checked[1024];
     checkpoint_reseal(bytes, size);
     file_put(temp_path(&folder, "changed"), bytes, size);
     digest(trainer, before);
     const int iteration = sgs_trainer_iteration(trainer);
-    assert_int_equal(sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "changed")), expected);
+    const char *path = temp_path(&folder, "changed");
+    assert_int_equal(sgs_trainer_check_checkpoint(trainer, path), expected);
+    snprintf(checked, sizeof checked, "%s", sgs_last_error());
+    assert_int_equal(sgs_trainer_load_checkpoint(trainer, path), expected);
+    assert_string_equal(sgs_last_error(), checked);
     if (!strstr(sgs_last_error(), words) || !strstr(sgs_last_error(), "/changed: "))
         fail_msg("expected '%s' in: %s", words, sgs_last_error());
     digest(trainer, after);
@@ -523,6 +527,34 @@ static void file_size_and_count_are_reported(void **state)
     assert_int_equal(count, 0);
 }
 
+// `refuses` checks the errors.
+static void checking_a_checkpoint_loads_nothing(void **state)
+{
+    (void)state;
+    sgs_trainer_destroy(start_saved(90, 5, "sound"));
+    const char *path = temp_path(&folder, "sound");
+    for (int k = 0; k < 2; ++k) {
+        sgs_train_options options = short_run(90);
+        options.sh_degree = k ? 2 : options.sh_degree;
+        sgs_trainer *trainer = trainer_create(scene, &options);
+        trainer_run(trainer, 1);
+        char before[17], after[17];
+        digest(trainer, before);
+        assert_int_equal(sgs_trainer_check_checkpoint(trainer, path),
+                         k ? SGS_STATUS_INVALID_ARGUMENT : SGS_STATUS_OK);
+        digest(trainer, after);
+        assert_string_equal(before, after);
+        assert_int_equal(sgs_trainer_iteration(trainer), 1);
+        assert_int_equal(sgs_trainer_check_checkpoint(trainer, temp_path(&folder, "nothing")),
+                         SGS_STATUS_IO);
+        assert_int_equal(
+            sgs_trainer_check_checkpoint(trainer, SGSI_TEST_DATA "/checkpoint_format_3.bin"),
+            SGS_STATUS_UNSUPPORTED);
+        trainer_run(trainer, 1); // it can be used further
+        sgs_trainer_destroy(trainer);
+    }
+}
+
 // A run that ended in equilibrium continues only if an option of the test has changed.
 static void an_equilibrium_is_final_until_its_options_change(void **state)
 {
@@ -643,6 +675,7 @@ int main(void)
         cmocka_unit_test(a_checkpoint_of_format_3_is_refused_by_name),
         cmocka_unit_test(changed_options_are_used_or_refused_by_name),
         cmocka_unit_test(file_size_and_count_are_reported),
+        cmocka_unit_test(checking_a_checkpoint_loads_nothing),
         cmocka_unit_test(a_loaded_state_has_no_regions_of_the_state_before),
         cmocka_unit_test(an_equilibrium_is_final_until_its_options_change),
         cmocka_unit_test(the_schedule_follows_the_start_of_the_run),

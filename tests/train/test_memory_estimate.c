@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Terms of the memory estimate that are not those of the training itself: decoding of the photos
-// and evaluation.
+// and evaluation. Memory that the program reserves for itself.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -13,6 +13,7 @@
 
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
+#include "support/trainer_support.h"
 
 #define GIB ((size_t)1 << 30)
 
@@ -96,12 +97,61 @@ static void the_scratch_of_the_evaluation_is_estimated(void **state)
     sgs_threads_set(0);
 }
 
+// A reserve of the whole limit refuses the first update that adds primitives, and changes nothing;
+// without it the run is the one without a limit.
+static void reserved_memory_counts_against_the_limit(void **state)
+{
+    (void)state;
+    enum { STEPS = 100 };
+    const size_t limit = 64 * GIB;
+    sgs_scene *scene;
+    char hex[3][17];
+    sgs_train_options options = sgs_train_options_default();
+    options.iterations = STEPS;
+    assert_int_equal(room_load(16, &scene), 0);
+    for (int k = 0; k < 2; ++k) { // bytes of the program, then of each primitive
+        sgs_step_info info;
+        sgs_trainer *trainer = trainer_create(scene, &options),
+                    *unlimited = trainer_create(scene, &options);
+        size_t count = 0;
+        sgs_trainer_memory_limit_set(trainer, limit, 0);
+        sgs_trainer_memory_reserve_set(trainer, k ? 0 : limit, k ? limit / 100 : 0);
+        sgs_status status = SGS_STATUS_OK;
+        int made = 0;
+        for (; made < STEPS && !status; made += !status) {
+            assert_false(sgs_trainer_update_refused(trainer));
+            sgs_gaussians_hash(sgs_trainer_model(trainer), hex[0]);
+            count = sgs_trainer_count(trainer);
+            status = sgs_trainer_step(trainer, &info);
+        }
+        assert_int_equal(status, SGS_STATUS_OUT_OF_MEMORY);
+        assert_true(sgs_trainer_update_refused(trainer) && sgs_trainer_is_consistent(trainer));
+        assert_true(made > 0 && sgs_trainer_iteration(trainer) == made);
+        assert_int_equal(sgs_trainer_count(trainer), count);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), hex[1]);
+        assert_string_equal(hex[0], hex[1]);
+        assert_int_equal(sgs_trainer_step(trainer, &info), SGS_STATUS_OUT_OF_MEMORY); // again
+        sgs_trainer_memory_reserve_set(trainer, 0, 0);
+        trainer_run(trainer, 1);
+        assert_false(sgs_trainer_update_refused(trainer));
+        assert_true(sgs_trainer_count(trainer) > count);
+        trainer_run(unlimited, made + 1);
+        sgs_gaussians_hash(sgs_trainer_model(trainer), hex[1]);
+        sgs_gaussians_hash(sgs_trainer_model(unlimited), hex[2]);
+        assert_string_equal(hex[1], hex[2]);
+        sgs_trainer_destroy(trainer);
+        sgs_trainer_destroy(unlimited);
+    }
+    sgs_scene_destroy(scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(photos_are_decoded_by_every_thread),
         cmocka_unit_test(decoding_adds_to_the_training_only_with_a_cache),
         cmocka_unit_test(the_scratch_of_the_evaluation_is_estimated),
+        cmocka_unit_test(reserved_memory_counts_against_the_limit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

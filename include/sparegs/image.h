@@ -69,6 +69,10 @@ static inline bool sgs_mask_is_valid(const uint16_t *valid_mask, int width, int 
            (valid_mask[(size_t)y * sgs_mask_words(width) + (size_t)x / 16] >> x % 16 & 1);
 }
 
+// True for file names of masks next to photos: STEM_mask.png, and dynamic_mask_STEM.png of
+// instant-ngp. `name` may have folders. Cannot fail.
+SGS_API bool sgs_mask_is_name(const char *name);
+
 // Reads a photo as 3 or 4 planes of 8 bits (grey becomes RGB, 16 bits are rounded). Release it
 // with sgs_image8_free. Fails with IO, FORMAT (not an image, truncated), UNSUPPORTED, LIMIT (size),
 // OUT_OF_MEMORY or INTERNAL (OpenImageIO); image->pixels is then NULL and the error names the file.

@@ -5,9 +5,10 @@
 // primitives with a large gradient of their projected centre are cloned if small and split if
 // large; those that are faint or, after the first opacity reset, too large are removed, new rows
 // included. In scaled runs on high-resolution images, absolute gradients count as well
-// (schedule.c), after AbsGS (Ye et al. 2024), which uses them for splits only and in place of signed
-// ones: signed ones cancel where a texture is finer than the primitive. Updates after the densification only remove primitives. SPARE-GS: w multiplies the
-// mean gradient; redundant primitives are removed, too.
+// (schedule.c), after AbsGS (Ye et al. 2024), which uses them for splits only and in place of
+// signed ones: signed ones cancel where a texture is finer than the primitive. Updates after the
+// densification only remove primitives. SPARE-GS: w multiplies the mean gradient; redundant
+// primitives are removed, too.
 
 #include "density/pipeline.h"
 

@@ -12,6 +12,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
+#include "base/base_name.h"
 #include "base/core.h"
 #include "formats/color_marks.h"
 #include "formats/model_format.h"
@@ -158,7 +159,7 @@ static const char *manifest_name(sgs_model_format format)
 
 bool sgs_model_format_of_name(const char *path, sgs_model_format *format)
 {
-    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    const char *name = sgsi_base_name(path);
     size_t longest = 0;
     for (int k = 0; k < SGS_MODEL_FORMAT_COUNT; ++k)
         if (manifest_name((sgs_model_format)k) &&

@@ -9,6 +9,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/base_name.h"
 #include "base/core.h"
 #include "sparegs/image.h"
 #include "base/threads.h"
@@ -16,23 +17,17 @@
 static const char suffix[] = "_mask.png", dynamic_prefix[] = "dynamic_mask_",
                   dynamic_end[] = ".png";
 
-static const char *base_name(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-    return slash ? slash + 1 : path;
-}
-
 static bool ends_with(const char *name, const char *tail)
 {
     const size_t length = strlen(name), end = strlen(tail);
     return length > end && !strcmp(name + length - end, tail);
 }
 
-bool sgsi_mask_is_name(const char *name)
+bool sgs_mask_is_name(const char *name)
 {
-    const char *base = base_name(name);
+    const char *base = sgsi_base_name(name);
     const size_t prefix = sizeof dynamic_prefix - 1;
-    return ends_with(name, suffix) ||
+    return ends_with(base, suffix) ||
            (!strncmp(base, dynamic_prefix, prefix) && ends_with(base + prefix, dynamic_end));
 }
 
@@ -72,7 +67,7 @@ static sgs_status use_named(const char *base, const char *name, char **path)
 // STEM_mask.png, or dynamic_mask_STEM.png of instant-ngp.
 static sgs_status use_beside(const char *image_path, char **path, bool *dynamic)
 {
-    const char *base = base_name(image_path);
+    const char *base = sgsi_base_name(image_path);
     const int folder = (int)(base - image_path);
     sgs_status status =
         use_if_file(sgsi_format("%.*s%s", stem_length(image_path), image_path, suffix), path);

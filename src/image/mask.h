@@ -20,9 +20,6 @@
 sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
                           const char *name, size_t skip, char **path, bool *dynamic);
 
-// True for names of masks next to photos: STEM_mask.png and dynamic_mask_STEM.png.
-bool sgsi_mask_is_name(const char *name);
-
 // Allocates photo->valid_mask with all pixels valid, unless it exists.
 sgs_status sgsi_mask_begin(sgs_photo *photo);
 

@@ -445,7 +445,7 @@ static void search_folder(search *s, const char *below, int depth)
             } else {
                 search_folder(s, name, depth + 1);
             }
-        } else if (full && sgsi_image_name_has_format(name) && !sgsi_mask_is_name(name) &&
+        } else if (full && sgsi_image_name_has_format(name) && !sgs_mask_is_name(name) &&
                    sgsi_is_file(full) && !is_known(s, name)) {
             add_unknown(s, name);
             name = NULL;

@@ -12,6 +12,7 @@
 #include <xxhash.h>
 
 #include "base/compare.h"
+#include "base/base_name.h"
 #include "base/core.h"
 
 // Rounding of positions that causes a warning: pixels of a photo from a distance of the
@@ -28,15 +29,9 @@ sgs_status sgsi_scene_cancelled(const char *path)
     return sgsi_fail(SGS_STATUS_CANCELLED, "%s: loading was cancelled", path);
 }
 
-static const char *base_name(const char *name)
-{
-    const char *slash = strrchr(name, '/');
-    return slash ? slash + 1 : name;
-}
-
 int sgs_view_name_match(const char *view_name, const char *name)
 {
-    const char *base = base_name(view_name);
+    const char *base = sgsi_base_name(view_name);
     const char *dot = strrchr(base, '.');
     if (!strcmp(view_name, name))
         return 0;
@@ -88,7 +83,7 @@ static sgs_status unknown_test_image(const sgs_scene *scene, const char *name)
     size_t distances[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
     for (size_t i = 0; i < scene->view_count; ++i) {
         const char *candidate = scene->views[i].name;
-        size_t distance = edit_distance(name, base_name(candidate));
+        size_t distance = edit_distance(name, sgsi_base_name(candidate));
         for (int k = 0; k < 3; ++k) {
             if (distance < distances[k]) {
                 const char *text = nearest[k];

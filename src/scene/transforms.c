@@ -31,8 +31,8 @@
 #define TEST_FILE "transforms_test.json"
 #define FRAME_EXTENSION ".png" // of a file_path without extension
 
-// Removes a uniform scale and replaces m by the nearest rotation. Returns false if m differs by more
-// than two percent from a scaled rotation.
+// Removes a uniform scale and replaces m by the nearest rotation. Returns false if m differs by
+// more than two percent from a scaled rotation.
 static bool make_rotation(double m[9])
 {
     double cofactors[9];

@@ -16,7 +16,6 @@
 #include "train/train_view.h"
 #include "train/view_scores.h"
 
-// State of a run besides its arrays; part of checkpoints.
 // What the first model was made from.
 typedef enum sgsi_train_start {
     SGSI_START_UNKNOWN, // in old checkpoints
@@ -24,6 +23,7 @@ typedef enum sgsi_train_start {
     SGSI_START_RANDOM,  // a random cloud
 } sgsi_train_start;
 
+// State of a run besides its arrays; part of checkpoints.
 typedef struct sgsi_train_progress {
     int32_t iteration;  // completed
     int32_t adam_step;  // optimiser steps made (bias correction of dense Adam)

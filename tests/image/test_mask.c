@@ -558,6 +558,25 @@ static void opaque_photos_leave_no_holes(void **state)
     assert_true(with > 0.995);
 }
 
+static void names_of_masks_have_a_stem(void **state)
+{
+    (void)state;
+    static const char *const masks[] = {"a_mask.png", "images/a_mask.png", "dynamic_mask_a.png",
+                                        "b/dynamic_mask_a.b.png"};
+    static const char *const photos[] = {"a.png",
+                                         "_mask.png",
+                                         "images/_mask.png",
+                                         "dynamic_mask_.png",
+                                         "dynamic_mask_a.jpg",
+                                         "b/a_mask.jpg",
+                                         "dynamic_mask_a/b.png",
+                                         "a_dynamic_mask_b.png"};
+    for (size_t i = 0; i < sizeof masks / sizeof *masks; ++i)
+        assert_true(sgs_mask_is_name(masks[i]));
+    for (size_t i = 0; i < sizeof photos / sizeof *photos; ++i)
+        assert_false(sgs_mask_is_name(photos[i]));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -572,6 +591,7 @@ int main(void)
         cmocka_unit_test_setup(views_without_valid_pixels_are_skipped, warnings_begin),
         cmocka_unit_test_setup(alpha_channels_mask_on_request, warnings_begin),
         cmocka_unit_test_setup(pixels_without_a_ray_are_invalid, warnings_begin),
+        cmocka_unit_test(names_of_masks_have_a_stem),
         cmocka_unit_test(a_masked_square_leaves_no_colour_in_the_model),
         cmocka_unit_test(alpha_loss_pulls_opacity_to_the_alpha_channel),
         cmocka_unit_test(opaque_photos_leave_no_holes),

@@ -112,20 +112,11 @@ static bool has_ending(const char *name, const char *const *endings)
     return false;
 }
 
-// Masks next to photos are not photos: STEM_mask.png, and dynamic_mask_STEM.png of instant-ngp.
 static bool is_photo(const char *name)
 {
     static const char *const endings[] = {"jpg", "jpeg", "jpe", "jfif", "png", "tif", "tiff",
                                           "bmp", "webp", "ppm", "pgm",  "gif", "tga", NULL};
-    static const char mask[] = "_mask.png", dynamic[] = "dynamic_mask_", png[] = ".png";
-    const char *slash = strrchr(name, '/'), *base = slash ? slash + 1 : name;
-    const char *end = name + strlen(name);
-    const size_t length = strlen(base);
-    const bool is_mask =
-        (length >= sizeof mask && !strcmp(end - (sizeof mask - 1), mask)) ||
-        (length >= sizeof dynamic + sizeof png - 1 && !strncmp(base, dynamic, sizeof dynamic - 1) &&
-         !strcmp(end - (sizeof png - 1), png));
-    return has_ending(name, endings) && !is_mask;
+    return has_ending(name, endings) && !sgs_mask_is_name(name);
 }
 
 // Other formats of photos: COLMAP 3.8 cannot read them, or reads raw files undeveloped.

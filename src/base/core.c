@@ -478,3 +478,16 @@ double sgsi_random_normal(uint64_t seed, uint64_t counter)
     const double radius = sqrt(-2.0 * log(sgsi_random_uniform(seed, 2 * counter)));
     return radius * cos(6.283185307179586 * sgsi_random_uniform(seed, 2 * counter + 1));
 }
+
+void sgsi_random_permutation(uint64_t seed, size_t count, uint32_t *order)
+{
+    for (size_t i = 0; i < count; ++i)
+        order[i] = (uint32_t)i;
+    for (size_t i = count; i-- > 1;) {
+        size_t k = (size_t)(sgsi_random_uniform(seed, i) * (double)(i + 1));
+        k = k < i ? k : i; // where the number rounds to 1
+        const uint32_t kept = order[i];
+        order[i] = order[k];
+        order[k] = kept;
+    }
+}

@@ -126,6 +126,8 @@ double sgsi_thread_seconds(void);
 uint64_t sgsi_random_bits(uint64_t seed, uint64_t counter);
 double sgsi_random_uniform(uint64_t seed, uint64_t counter);
 double sgsi_random_normal(uint64_t seed, uint64_t counter);
+// order [count]: a permutation of 0 to count - 1, which depends on seed and count only.
+void sgsi_random_permutation(uint64_t seed, size_t count, uint32_t *order);
 
 // Largest distance of a camera from the origin: beyond it single precision fails, and Embree
 // ignores boxes beyond 1.8e18.

@@ -4,9 +4,10 @@
 // LightGaussian (Fan et al. 2024), section 3.3, with the constants of the released code. The
 // teacher is the model, the student its copy without band 3. The student learns the renders of the
 // teacher: every third step in a training view, otherwise in a pseudo view, a training view whose
-// centre is moved by normal noise of 0.05 world units per axis. Opacities are fixed; the rest is
-// trained by AdamW with decay 0.01. The learning rate of the positions continues that of 3DGS,
-// extended to 40000 iterations, from iteration 30000 on; the others decay by 0.9 every 500 steps.
+// centre is moved by normal noise of 0.05 world units per axis; each view is drawn once per epoch.
+// Opacities are fixed; the rest is trained by AdamW with decay 0.01. The learning rate of the
+// positions continues that of 3DGS, extended to 40000 iterations, from iteration 30000 on; the
+// others decay by 0.9 every 500 steps.
 
 #include "compress/distill.h"
 
@@ -115,8 +116,7 @@ static sgs_status distill_steps(distilling *d, int iterations)
     sgs_status status = SGS_STATUS_OK;
     for (int step = 1; step <= iterations && !status; ++step) {
         status = sgsi_compress_progress(d->job, "distilling", (size_t)step - 1, (size_t)iterations);
-        const size_t k = (size_t)(sgsi_random_bits(d->job->options->seed ^ 0xD15, (uint64_t)step) %
-                                  d->views.count);
+        const size_t k = sgsi_view_gradient_next(&d->views, d->job->options->seed ^ 0xD15, step);
         const sgs_view *view = &d->job->options->scene->views[d->views.views[k]];
         const sgs_pose pose = pose_of(d, view, step);
         sgs_photo photo;

@@ -2,12 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // MesonGS (Xie et al. 2024), section 3.5, with the constants of the released code. Every step
-// quantises the values, renders the decoded model in a random training view and passes the gradient
-// straight through quantiser and transform: the transform is orthonormal, so the gradient with
-// respect to a decoded value is that of the value before. Adam with the rates of the release times
-// 0.4, its factor for most indoor scenes; the rate of the scales is 0.001 times the extent of the
-// scene, although they are logarithms. Every 400 steps all training views are rendered; the best
-// state is kept.
+// quantises the values, renders the decoded model in a training view (each once per epoch, in
+// random order) and passes the gradient straight through quantiser and transform: the transform is
+// orthonormal, so the gradient with respect to a decoded value is that of the value before. Adam
+// with the rates of the release times 0.4, its factor for most scenes; the rate of the scales is
+// 0.001 times the extent of the scene, although they are logarithms. Every 400 steps all training
+// views are rendered; the best state is kept.
 
 #include "compress/meson_finetune.h"
 
@@ -173,8 +173,7 @@ static sgs_status tune(meson_tuning *t, int iterations)
     sgs_status status = check(t);
     for (int i = 1; i <= iterations && !status; ++i) {
         status = sgsi_compress_progress(t->job, "fine-tuning", (size_t)i - 1, (size_t)iterations);
-        const size_t view =
-            (size_t)(sgsi_random_bits(t->job->options->seed ^ 0x51E, (uint64_t)i) % t->views.count);
+        const size_t view = sgsi_view_gradient_next(&t->views, t->job->options->seed ^ 0x51E, i);
         double mse;
         if (!status)
             status = draw(t);

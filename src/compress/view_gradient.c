@@ -15,7 +15,8 @@ sgs_status sgsi_view_gradient_create(const sgsi_compress_job *job, const sgs_gau
     memcpy(views->background, job->options->background, sizeof views->background);
     views->render.progress = NULL;
     views->views = sgsi_alloc(scene->view_count + 1, sizeof *views->views);
-    if (!views->views)
+    views->order = sgsi_alloc(scene->view_count + 1, sizeof *views->order);
+    if (!views->views || !views->order)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views",
                          scene->view_count);
     for (size_t i = 0; i < scene->view_count; ++i)
@@ -43,7 +44,17 @@ void sgsi_view_gradient_free(sgsi_view_gradient *views)
     sgs_frame_free(&views->d_frame);
     sgsi_free(views->planes);
     sgsi_free(views->views);
+    sgsi_free(views->order);
     *views = (sgsi_view_gradient){0};
+}
+
+size_t sgsi_view_gradient_next(sgsi_view_gradient *views, uint64_t seed, int step)
+{
+    const size_t at = (size_t)step - 1, position = at % views->count;
+    if (!position)
+        sgsi_random_permutation(sgsi_random_bits(seed, at / views->count), views->count,
+                                views->order);
+    return views->order[position];
 }
 
 static size_t stride_of(int width)

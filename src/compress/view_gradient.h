@@ -14,6 +14,7 @@ typedef struct sgsi_view_gradient {
     float background[3];
     size_t count;           // training views
     size_t *views;          // [count] of the scene
+    uint32_t *order;        // [count] permutation of the current epoch
     sgs_renderer *renderer; // of `model`
     sgs_gaussians *d_model; // the gradient; see sgs_renderer_backward
     sgsi_loss_workspace *loss;
@@ -26,6 +27,10 @@ typedef struct sgsi_view_gradient {
 sgs_status sgsi_view_gradient_create(const sgsi_compress_job *job, const sgs_gaussians *model,
                                      sgsi_view_gradient *views);
 void sgsi_view_gradient_free(sgsi_view_gradient *views);
+
+// The view of step `step` = 1, 2, ..., to be called for every step: each epoch of `count` steps has
+// all views, in an order that depends on seed and epoch.
+size_t sgsi_view_gradient_next(sgsi_view_gradient *views, uint64_t seed, int step);
 
 // Renders view `k` < count of the current model. *mse: of the clamped image. `gradient`: also fills
 // d_model with the gradient of 0.8 L1 + 0.2 (1 - SSIM).

@@ -206,17 +206,8 @@ void sgs_trainer_destroy(sgs_trainer *trainer)
 // The permutation of the views in an epoch; it depends on seed and epoch only.
 static void shuffle_views(const sgs_trainer *trainer, uint64_t epoch, uint32_t *order)
 {
-    const size_t n = trainer->views.count;
-    const uint64_t seed = sgsi_random_bits(trainer->options.seed ^ 0x0EDE2, epoch);
-    for (size_t i = 0; i < n; ++i)
-        order[i] = (uint32_t)i;
-    for (size_t i = n; i-- > 1;) {
-        size_t k = (size_t)(sgsi_random_uniform(seed, i) * (double)(i + 1));
-        k = k < i ? k : i; // where the number rounds to 1
-        const uint32_t kept = order[i];
-        order[i] = order[k];
-        order[k] = kept;
-    }
+    sgsi_random_permutation(sgsi_random_bits(trainer->options.seed ^ 0x0EDE2, epoch),
+                            trainer->views.count, order);
 }
 
 static size_t next_view(sgs_trainer *trainer)

@@ -43,8 +43,8 @@ typedef struct sgs_compress_options {
     sgs_compress_method method;
     int preset; // operating point, 1 (largest file) to 3; default 1
     uint64_t seed;
-    // Views for importance and fine-tuning, with images if fine-tuning is on; NULL = none. Only
-    // views of the training split are used.
+    // Views for importance, distillation and fine-tuning, with images if fine-tuning is on; NULL =
+    // none. Only views of the training split are used.
     const sgs_scene *scene;
     const sgs_render_options *render; // filter and near distance of these views; NULL = defaults
     float background[3];

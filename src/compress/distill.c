@@ -152,7 +152,7 @@ static sgs_status prepare(distilling *d)
     if (!d->m || !d->v)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory to distil %zu primitives",
                          d->student->count);
-    return sgsi_view_gradient_create(d->job, d->student, &d->views);
+    return sgsi_view_gradient_create(d->job, d->student, false, &d->views);
 }
 
 sgs_status sgsi_distill(sgsi_compress_job *job, int iterations)

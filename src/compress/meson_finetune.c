@@ -213,7 +213,7 @@ sgs_status sgsi_meson_finetune(const sgsi_compress_job *job, sgsi_meson *meson, 
                                meson->count);
     }
     if (!status)
-        status = sgsi_view_gradient_create(job, t.model, &t.views);
+        status = sgsi_view_gradient_create(job, t.model, true, &t.views);
     if (!status)
         status = tune(&t, iterations);
     sgsi_view_gradient_free(&t.views);

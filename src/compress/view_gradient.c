@@ -8,7 +8,7 @@
 static const float SSIM_WEIGHT = 0.2f;
 
 sgs_status sgsi_view_gradient_create(const sgsi_compress_job *job, const sgs_gaussians *model,
-                                     sgsi_view_gradient *views)
+                                     bool photos, sgsi_view_gradient *views)
 {
     const sgs_scene *scene = job->options->scene;
     *views = (sgsi_view_gradient){.scene = scene, .render = job->render};
@@ -20,11 +20,11 @@ sgs_status sgsi_view_gradient_create(const sgsi_compress_job *job, const sgs_gau
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu views",
                          scene->view_count);
     for (size_t i = 0; i < scene->view_count; ++i)
-        if (scene->views[i].split == SGS_SPLIT_TRAIN && scene->views[i].image.width)
+        if (scene->views[i].split == SGS_SPLIT_TRAIN && (scene->views[i].image.width || !photos))
             views->views[views->count++] = i;
     if (!views->count)
-        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "%s: no training view with an image for the fine-tuning", scene->path);
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: no training view%s", scene->path,
+                         photos ? " with an image for the fine-tuning" : "");
     sgs_status status = sgs_renderer_create(model, &views->renderer);
     if (!status)
         status = sgs_gaussians_create(model->count, &views->d_model);

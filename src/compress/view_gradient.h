@@ -22,10 +22,11 @@ typedef struct sgsi_view_gradient {
     float *planes;            // 8 planes with the stride of the loss
 } sgsi_view_gradient;
 
-// model must outlive it. Fails with INVALID_ARGUMENT (no training view with an image) or
-// OUT_OF_MEMORY; free it also after a failure.
+// `photos`: only training views with a photo, as sgsi_view_gradient_evaluate requires; otherwise
+// all. model must outlive it. Fails with INVALID_ARGUMENT (no such view) or OUT_OF_MEMORY; free it
+// also after a failure.
 sgs_status sgsi_view_gradient_create(const sgsi_compress_job *job, const sgs_gaussians *model,
-                                     sgsi_view_gradient *views);
+                                     bool photos, sgsi_view_gradient *views);
 void sgsi_view_gradient_free(sgsi_view_gradient *views);
 
 // The view of step `step` = 1, 2, ..., to be called for every step: each epoch of `count` steps has

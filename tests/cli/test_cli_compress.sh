@@ -125,20 +125,37 @@ run 2 compress "$model" -o "$temporary/none" --method lightgaussian --distill 5
 reports "--distill: the distillation requires a scene"
 one_line
 
-# photos_are_loaded_for_training_only (the mask of one of them excludes every pixel)
+# photos_are_loaded_for_fine_tuning_only (the mask of one of them excludes every pixel)
 cp -r "$room" "$temporary/masked"
 mkdir "$temporary/masked/masks"
 oiiotool --create 480x270 3 -d uint8 -o "$temporary/masked/masks/0002.png"
-for steps in 0 1; do
-    distill=()
-    if [ $steps = 1 ]; then distill=(--distill 1); fi
-    run 0 compress "$temporary/light.ply" "$temporary/masked" --downscale 8 -o "$temporary/none" --method lightgaussian \
-        --codebook 4 --vq-steps 1 "${distill[@]}"
-    check the_mask_is_noticed_with_training test "$(grep -c '0002.png: mask excludes every pixel' "$temporary/stderr")" = $steps
-done
-# (the model has degree 2 already)
+light=(--method lightgaussian --codebook 4 --vq-steps 1)
+noticed() { # COUNT ARGUMENT...: of warnings about the mask
+    local count=$1
+    shift
+    run 0 compress "$model" "$temporary/masked" --downscale 8 -o "$temporary/none" "$@"
+    check the_mask_is_noticed_with_fine_tuning test "$(grep -c '0002.png: mask excludes every pixel' "$temporary/stderr")" = "$count"
+}
+noticed 0 "${light[@]}"
+noticed 0 "${light[@]}" --distill 1
+noticed 1 "${light[@]}" --keep 0.9 --finetune 1
+noticed 1 --method mesongs --codebook 4 --vq-steps 1 --finetune 1
+run 0 compress "$model" "$room" --downscale 8 -o "$temporary/none" "${light[@]}" --distill 1 --image-cache 1GiB --background 0,0,0
+reports "--image-cache has no effect without fine-tuning"
+one_line
+run 0 compress "$temporary/light.ply" "$room" --downscale 8 -o "$temporary/none" "${light[@]}" --distill 1
 reports "--distill has no effect: the SH degree is already 2"
 rm "$temporary/none"
+
+# distillation_does_not_require_photos (the camera has twice their size)
+cp -r "$room" "$temporary/without_photos"
+rm "$temporary/without_photos/images/"*
+run 0 compress "$model" "$room" --downscale 8 -o "$temporary/with_photos.light" "${light[@]}" --distill 20
+run 0 compress "$model" "$temporary/without_photos" --downscale 16 -o "$temporary/without_photos.light" "${light[@]}" --distill 20
+reports "without_photos: no images found; using the image sizes of the cameras"
+check photos_do_not_matter cmp "$temporary/with_photos.light" "$temporary/without_photos.light"
+run 1 compress "$model" "$temporary/without_photos" -o "$temporary/none" --method ghap --finetune 1
+reports "none of the 35 registered images can be read"
 
 # a_compressed_file_is_a_model: as the file that decompress writes
 run 0 compress "$model" -o "$temporary/packed" --method fcgs-like --quiet

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The views that MesonGS's fine-tuning and LightGaussian's distillation train in: all once per
-// epoch.
+// epoch, and for the distillation also those without a photo.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -145,11 +145,11 @@ static void fine_tuning_uses_all_views(void **state)
     sgs_scene_destroy(scene);
 }
 
-static void distillation_uses_all_views(void **state)
+static void distillation_uses_all_views_also_without_photos(void **state)
 {
     (void)state;
     sgs_gaussians *model = outward_model(3);
-    for (int photos = 1; photos < 2; ++photos) {
+    for (int photos = 0; photos < 2; ++photos) {
         sgs_scene *scene = outward_scene(photos);
         for (uint64_t seed = 0; seed < SEEDS; ++seed) {
             sgs_compress_options options = sgs_compress_options_default();
@@ -168,12 +168,31 @@ static void distillation_uses_all_views(void **state)
     sgs_gaussians_destroy(model);
 }
 
+static void fine_tuning_requires_photos(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    sgs_scene *scene = outward_scene(false);
+    sgs_gaussians *model = outward_model(0);
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_MESONGS;
+    options.scene = scene;
+    options.finetune = 1;
+    assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(strstr(sgs_last_error(), "no training view with an image"));
+    sgs_gaussians_destroy(model);
+    sgs_scene_destroy(scene);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_epoch_has_all_views),
         cmocka_unit_test(fine_tuning_uses_all_views),
-        cmocka_unit_test(distillation_uses_all_views),
+        cmocka_unit_test(distillation_uses_all_views_also_without_photos),
+        cmocka_unit_test(fine_tuning_requires_photos),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

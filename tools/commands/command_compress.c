@@ -23,8 +23,8 @@
 
 static const char description[] =
     "Compresses MODEL (a model file, or a run folder, whose latest iteration is used) with one of "
-    "four published methods, or fcgs-like. SCENE provides the views for methods that weight "
-    "primitives by their blending weights or that fine-tune the result. `sparegs decompress` "
+    "four published methods, or fcgs-like. SCENE provides the training views for the importance "
+    "of lightgaussian and mesongs, for fine-tuning and for distillation. `sparegs decompress` "
     "writes the PLY file again.\nghap reduces the number of primitives and stores the rest as "
     "floats. sog sorts all primitives into a square grid and stores the grid as images; it does "
     "not write PlayCanvas .sog, use `sparegs convert` for that. lightgaussian quantises the SH "
@@ -69,8 +69,8 @@ static const option compress_options[] = {
      .offset = offsetof(compress_values, preset),
      .argument = "spare-1|spare-2|spare-3",
      .initial = "spare-1",
-     .help = "operating point of the method in the tables of the SPARE-GS paper, from the largest "
-             "file to the smallest"},
+     .help = "operating point, from the largest file to the smallest; for sog and fcgs-like chosen "
+             "to match the sizes in the SPARE-GS paper"},
     {.name = "finetune",
      .kind = OPTION_INTEGER,
      .offset = offsetof(compress_values, finetune),
@@ -172,8 +172,8 @@ static const option compress_options[] = {
      .shown = "none; published 10000",
      .unit = "iterations",
      .needs = "method=lightgaussian",
-     .help = "reduce the SH degree to 2 and train the coefficients to match renders of MODEL; "
-             "requires SCENE"},
+     .help = "reduce the SH degree to 2 and train all parameters but the opacities to match "
+             "renders of MODEL; requires SCENE"},
     {.name = "half",
      .kind = OPTION_FLAG,
      .offset = offsetof(compress_values, half),
@@ -326,11 +326,6 @@ static bool fine_tunes(const compress_values *values)
     }
 }
 
-static bool loads_photos(const compress_values *values)
-{
-    return fine_tunes(values) || values->distill;
-}
-
 // True if the method reads SCENE.
 static bool reads_views(const compress_values *values)
 {
@@ -339,8 +334,7 @@ static bool reads_views(const compress_values *values)
 }
 
 #define VIEW_OPTIONS "images|downscale|eval|test-every|test-images|compact-box|near"
-#define PHOTO_OPTIONS "masks|invert-masks|alpha|input-colorspace"
-#define TRAINING_OPTIONS "image-cache|background"
+#define PHOTO_OPTIONS "masks|invert-masks|alpha|input-colorspace|image-cache"
 
 // Refuses options without effect. Returns -1 to continue, or an exit status.
 static int check_values(const command_line *line, const compress_values *values)
@@ -362,9 +356,9 @@ static int check_values(const command_line *line, const compress_values *values)
                           "SCENE");
     if (values->finetune > 0 && !fine_tunes(values))
         return refuse_idle(line, "finetune", "on lightgaussian without --keep below 1");
-    return has_scene ? -1
-                     : refuse_idle(line, VIEW_OPTIONS "|" PHOTO_OPTIONS "|" TRAINING_OPTIONS,
-                                   "without SCENE");
+    return has_scene
+               ? -1
+               : refuse_idle(line, VIEW_OPTIONS "|" PHOTO_OPTIONS "|background", "without SCENE");
 }
 
 static void warn_idle_preset(const command_line *line, int method)
@@ -392,7 +386,7 @@ static void warn_idle_options(const command_line *line, const compress_values *v
                 : format_text("on --method %s",
                               sgs_compress_method_name((sgs_compress_method)values->method));
         print_warning("SCENE has no effect %s", why);
-        warn_idle(line, VIEW_OPTIONS "|" PHOTO_OPTIONS "|" TRAINING_OPTIONS, why);
+        warn_idle(line, VIEW_OPTIONS "|" PHOTO_OPTIONS "|background", why);
         free(why);
         return;
     }
@@ -400,8 +394,8 @@ static void warn_idle_options(const command_line *line, const compress_values *v
         warn_idle(line, "near", "on ghap, which trains with the near distance of the scene");
     if (!fine_tunes(values))
         warn_idle(line, PHOTO_OPTIONS, "without fine-tuning");
-    if (!loads_photos(values))
-        warn_idle(line, TRAINING_OPTIONS, "without fine-tuning or distillation");
+    if (!fine_tunes(values) && !values->distill)
+        warn_idle(line, "background", "without fine-tuning or distillation");
 }
 
 // False after printing the error if FILE would replace a file of a SCENE that the method does not
@@ -430,7 +424,9 @@ static int run_compress(const command_call *call, const compress_values *values,
     if (status >= 0)
         return status;
     if (views) {
-        scene = scene_open(call->line.operands[1], data, loads_photos(values));
+        const char *path = call->line.operands[1];
+        scene = fine_tunes(values) ? scene_open(path, data, true)
+                                   : scene_open_cameras(path, data, 0, 0);
         if (!scene)
             return EXIT_FAILED;
         if (located->run)

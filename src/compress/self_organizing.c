@@ -3,8 +3,9 @@
 
 // Self-Organizing Gaussians (Morgenstern et al. 2024) for a trained model: primitives are sorted
 // into a square grid (plas.h), every attribute becomes an image of integers, which lossless image
-// codecs store. Limits and depths follow the authors' released experiment jxl_quant_sh; the depths
-// of the presets are those that give the sizes in the tables of SPARE-GS.
+// codecs store. Limits follow the released experiment jxl_quant_sh. Its depths are 14, 5, 6, 6 and
+// 6 bits for positions, upper bands, scales, rotations and opacities; those of the presets were
+// chosen to give the sizes in the tables of SPARE-GS.
 //
 // The side of the grid is int(sqrt(N)); the primitives of lowest opacity beyond it are dropped. A
 // value v with q bits is round((v - low) / (high - low) 2^q), so there are 2^q + 1 levels.
@@ -199,9 +200,10 @@ static sgs_status choose_rows(const sgsi_compress_job *job, size_t count, uint32
     return SGS_STATUS_OK;
 }
 
-// Features: positions, band 0 and activated scales, each block with mean 0 and deviation 1.
-static void fill_features(const sgsi_compress_job *job, const uint32_t *chosen, size_t count,
-                          float *features)
+// Features: positions from the origin, band 0 and activated scales, each block with mean 0 and
+// deviation 1. As in the release, positions are not contracted.
+static void fill_features(const sgsi_compress_job *job, const float origin[3],
+                          const uint32_t *chosen, size_t count, float *features)
 {
     static const int params[3] = {SGS_PARAM_MEAN, SGS_PARAM_SH_DC, SGS_PARAM_SCALE};
     for (int block = 0; block < 3; ++block) {
@@ -210,7 +212,9 @@ static void fill_features(const sgsi_compress_job *job, const uint32_t *chosen, 
             for (int k = 0; k < 3; ++k) {
                 const double v = (double)job->rows[chosen[i] * (size_t)SGS_PARAM_COUNT +
                                                    (size_t)params[block] + (size_t)k];
-                const double x = params[block] == SGS_PARAM_SCALE ? exp(v) : v;
+                const double x = params[block] == SGS_PARAM_SCALE  ? exp(v)
+                                 : params[block] == SGS_PARAM_MEAN ? v - (double)origin[k]
+                                                                   : v;
                 features[i * SGSI_PLAS_CHANNELS + (size_t)(3 * block + k)] = (float)x;
                 sum += x;
                 squares += x * x;
@@ -231,8 +235,9 @@ static bool sorting_progress(void *user, size_t done, size_t total)
     return !sgsi_compress_progress(user, "sorting", done, total);
 }
 
-// cells: [side * side] the row at each cell.
-static sgs_status sort_rows(sgsi_compress_job *job, size_t side, uint32_t *cells)
+// cells: [side * side] the row at each cell. Rows are those of the model.
+static sgs_status sort_rows(sgsi_compress_job *job, const float origin[3], size_t side,
+                            uint32_t *cells)
 {
     const size_t count = side * side;
     uint32_t *chosen = sgsi_alloc(count, sizeof *chosen);
@@ -244,7 +249,7 @@ static sgs_status sort_rows(sgsi_compress_job *job, size_t side, uint32_t *cells
     if (!status)
         status = choose_rows(job, count, chosen);
     if (!status) {
-        fill_features(job, chosen, count, features);
+        fill_features(job, origin, chosen, count, features);
         sgsi_plas plas = {.side = (int)side,
                           .features = features,
                           .order = cells,
@@ -371,11 +376,10 @@ static sgs_status encode(sgsi_compress_job *job)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives",
                          job->count);
     sgs_status status = choose_origin(job, header.origin);
+    if (!status)
+        status = sort_rows(job, header.origin, side, cells);
     if (!status) {
         prepare_rows(job, header.origin);
-        status = sort_rows(job, side, cells);
-    }
-    if (!status) {
         set_ranges(job, cells, &header);
         const sog_range *means = &header.ranges[MEANS];
         sgsi_warn_about_log_cells(

@@ -228,6 +228,45 @@ static void positions_far_from_the_origin_keep_their_accuracy(void **state)
     temp_folder_remove(&folder);
 }
 
+// Positions up to 2000 units away, all other attributes equal. The rows of a decoded model are the
+// cells of the grid. Sorting by the contracted positions would leave a mean squared step of the
+// positions that is several times larger.
+static void primitives_are_sorted_by_their_positions(void **state)
+{
+    (void)state;
+    enum { SIDE = 40, CELLS = SIDE * SIDE };
+    const temp_folder folder = temp_folder_make();
+    sgs_gaussians *model = pack_model(CELLS, 0, 1), *decoded;
+    for (size_t i = 0; i < CELLS; ++i)
+        for (size_t k = 0; k < 3; ++k) {
+            const double u = 2 * sgsi_random_uniform(9, 3 * i + k) - 1;
+            *sgs_gaussians_at(model, i, (int)k) = (float)copysign(expm1(7.6 * fabs(u)), u);
+            *sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + (int)k) = 0.5f;
+            *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + (int)k) = -1;
+        }
+    sgs_compress_options options = sgs_compress_options_default();
+    assert_int_equal(sgs_compress(model, &options, temp_path(&folder, "pack"), NULL), 0);
+    assert_int_equal(sgs_decompress(temp_path(&folder, "pack"), &decoded, NULL), 0);
+    assert_int_equal(decoded->count, CELLS);
+    double power = 0, steps = 0;
+    for (size_t i = 0; i < CELLS; ++i)
+        for (int k = 0; k < 3; ++k) {
+            const double x = (double)*sgs_gaussians_at(decoded, i, k);
+            power += x * x / CELLS;
+            if (i % SIDE + 1 < SIDE)
+                steps += pow((double)*sgs_gaussians_at(decoded, i + 1, k) - x, 2);
+            if (i + SIDE < CELLS)
+                steps += pow((double)*sgs_gaussians_at(decoded, i + SIDE, k) - x, 2);
+        }
+    steps /= 2 * SIDE * (SIDE - 1);
+    print_message("squared step %.4f of that of a random order\n", steps / (2 * power));
+    if (!(steps <= 0.1 * 2 * power))
+        fail_msg("squared step %g of that of a random order", steps / (2 * power));
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 // Scales are from 0.02, the largest of three from about 0.04. Cells at distance 2: 2 ln 3 / 2^bits
 // * 3, that is 0.0004 and 0.05.
 static void large_cells_cause_a_warning(void **state)
@@ -416,6 +455,7 @@ int main(void)
         cmocka_unit_test(zero_is_a_level_of_the_other_bands),
         cmocka_unit_test(vanishing_scales_are_stored),
         cmocka_unit_test(positions_far_from_the_origin_keep_their_accuracy),
+        cmocka_unit_test(primitives_are_sorted_by_their_positions),
         cmocka_unit_test(large_cells_cause_a_warning),
         cmocka_unit_test(files_of_layout_1_are_read),
         cmocka_unit_test(an_origin_that_is_not_finite_is_refused),

@@ -42,32 +42,32 @@ static JxlPixelFormat jxl_format(const sgsi_image16 *image)
 }
 
 // The encoder's output, in a buffer that grows.
-static bool jxl_collect(JxlEncoder *encoder, uint8_t **bytes, size_t *size)
+static sgs_status jxl_collect(JxlEncoder *encoder, uint8_t **bytes, size_t *size)
 {
     size_t room = 65536, used = 0;
     *bytes = malloc(room);
     for (;;) {
         if (!*bytes)
-            return false;
+            return SGS_STATUS_OUT_OF_MEMORY;
         uint8_t *next = *bytes + used;
         size_t left = room - used;
         const JxlEncoderStatus status = JxlEncoderProcessOutput(encoder, &next, &left);
         used = (size_t)(next - *bytes);
         if (status == JXL_ENC_SUCCESS) {
             *size = used;
-            return true;
+            return SGS_STATUS_OK;
         }
         if (status != JXL_ENC_NEED_MORE_OUTPUT)
-            return false;
+            return SGS_STATUS_INTERNAL;
         room *= 2;
         uint8_t *grown = realloc(*bytes, room);
         if (!grown)
-            return false;
+            return SGS_STATUS_OUT_OF_MEMORY;
         *bytes = grown;
     }
 }
 
-static bool jxl_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
+static sgs_status jxl_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
 {
     const JxlPixelFormat format = jxl_format(image);
     JxlEncoder *encoder = JxlEncoderCreate(NULL);
@@ -77,7 +77,7 @@ static bool jxl_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
         if (encoder)
             JxlEncoderDestroy(encoder);
         free(narrow);
-        return false;
+        return SGS_STATUS_OUT_OF_MEMORY;
     }
     JxlBasicInfo info;
     JxlEncoderInitBasicInfo(&info);
@@ -97,13 +97,12 @@ static bool jxl_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
            JxlEncoderFrameSettingsSetOption(settings, JXL_ENC_FRAME_SETTING_EFFORT, JXL_EFFORT) ==
                JXL_ENC_SUCCESS &&
            JxlEncoderAddImageFrame(settings, &format, pixels, pixel_bytes) == JXL_ENC_SUCCESS;
-    if (done) {
+    if (done)
         JxlEncoderCloseInput(encoder);
-        done = jxl_collect(encoder, bytes, size);
-    }
+    const sgs_status status = done ? jxl_collect(encoder, bytes, size) : SGS_STATUS_INTERNAL;
     JxlEncoderDestroy(encoder);
     free(narrow);
-    return done;
+    return status;
 }
 
 static bool jxl_matches(const JxlDecoder *decoder, const sgsi_image16 *image)
@@ -185,7 +184,7 @@ static void webp_exchange(const sgsi_image16 *image, uint8_t *rgb, bool write)
             }
 }
 
-static bool webp_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
+static sgs_status webp_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
 {
     const int rows = image->wide ? 2 * image->height : image->height;
     uint8_t *rgb = calloc((size_t)image->width * (size_t)rows, 3);
@@ -195,7 +194,7 @@ static bool webp_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size
     if (!rgb || !WebPConfigInit(&config) || !WebPConfigLosslessPreset(&config, 6) ||
         !WebPPictureInit(&picture)) {
         free(rgb);
-        return false;
+        return rgb ? SGS_STATUS_INTERNAL : SGS_STATUS_OUT_OF_MEMORY;
     }
     webp_exchange(image, rgb, true);
     WebPMemoryWriterInit(&writer);
@@ -206,6 +205,8 @@ static bool webp_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size
     picture.custom_ptr = &writer;
     const bool done =
         WebPPictureImportRGB(&picture, rgb, 3 * image->width) && WebPEncode(&config, &picture);
+    const bool memory = done || (picture.error_code != VP8_ENC_ERROR_OUT_OF_MEMORY &&
+                                 picture.error_code != VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY);
     WebPPictureFree(&picture);
     free(rgb);
     if (done) {
@@ -215,7 +216,9 @@ static bool webp_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size
             memcpy(*bytes, writer.mem, writer.size);
     }
     WebPMemoryWriterClear(&writer);
-    return done && *bytes;
+    if (!memory || (done && !*bytes))
+        return SGS_STATUS_OUT_OF_MEMORY;
+    return done ? SGS_STATUS_OK : SGS_STATUS_INTERNAL;
 }
 
 static bool webp_decode(const uint8_t *bytes, size_t size, const sgsi_image16 *image)
@@ -234,8 +237,8 @@ static bool webp_decode(const uint8_t *bytes, size_t size, const sgsi_image16 *i
     return done;
 }
 
-bool sgsi_image_encode(sgs_image_codec codec, const sgsi_image16 *image, uint8_t **bytes,
-                       size_t *size)
+sgs_status sgsi_image_encode(sgs_image_codec codec, const sgsi_image16 *image, uint8_t **bytes,
+                             size_t *size)
 {
     *bytes = NULL;
     switch (codec) {
@@ -246,7 +249,7 @@ bool sgsi_image_encode(sgs_image_codec codec, const sgsi_image16 *image, uint8_t
     case SGS_IMAGE_CODEC_EXR:
         return sgsi_exr_image_encode(image, bytes, size);
     }
-    return false;
+    return SGS_STATUS_INTERNAL;
 }
 
 bool sgsi_image_decode(sgs_image_codec codec, const uint8_t *bytes, size_t size,

@@ -20,9 +20,10 @@ typedef struct sgsi_image16 {
 // Whether the codec can store an image of this side.
 bool sgsi_image_fits(sgs_image_codec codec, size_t side);
 
-// False without memory, or if the library fails. *bytes is released with free().
-bool sgsi_image_encode(sgs_image_codec codec, const sgsi_image16 *image, uint8_t **bytes,
-                       size_t *size);
+// OUT_OF_MEMORY, or INTERNAL if the library of the codec fails, both without a sentence. JPEG XL
+// does not say that it has no memory. *bytes is released with free(), also after a failure.
+sgs_status sgsi_image_encode(sgs_image_codec codec, const sgsi_image16 *image, uint8_t **bytes,
+                             size_t *size);
 
 // Fills image->pixels, which the caller allocated; the file must have exactly the size, channels
 // and depth of `image`. False if not.

@@ -181,6 +181,7 @@ static size_t chunks_at(const sgsi_image16 *image, const uint8_t *bytes, size_t 
 typedef struct exr_output {
     uint8_t *bytes; // from malloc
     size_t size, room;
+    bool failed; // out of memory
 } exr_output;
 
 static int64_t write_bytes(exr_const_context_t context, void *user, const void *bytes,
@@ -192,6 +193,7 @@ static int64_t write_bytes(exr_const_context_t context, void *user, const void *
     const size_t end = (size_t)(offset + size);
     if (end > output->room) {
         uint8_t *grown = realloc(output->bytes, 2 * end);
+        output->failed = !grown;
         if (!grown)
             return -1;
         output->bytes = grown;
@@ -238,7 +240,14 @@ static exr_result_t write_chunks(exr_context_t context, const sgsi_image16 *imag
     return result;
 }
 
-bool sgsi_exr_image_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
+static sgs_status status_of(exr_result_t result)
+{
+    return !result                           ? SGS_STATUS_OK
+           : result == EXR_ERR_OUT_OF_MEMORY ? SGS_STATUS_OUT_OF_MEMORY
+                                             : SGS_STATUS_INTERNAL;
+}
+
+sgs_status sgsi_exr_image_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size)
 {
     exr_output output = {0};
     exr_context_t context;
@@ -246,14 +255,20 @@ bool sgsi_exr_image_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *s
     setup.write_fn = write_bytes;
     exr_result_t result = exr_start_write(&context, part_name, EXR_WRITE_FILE_DIRECTLY, &setup);
     if (result)
-        return false;
+        return status_of(result);
     result = write_header(context, image);
     if (!result)
         result = write_chunks(context, image);
     const exr_result_t finished = exr_finish(&context);
     *bytes = output.bytes;
     *size = output.size;
-    return !result && !finished && chunks_at(image, *bytes, *size);
+    if (output.failed)
+        result = EXR_ERR_OUT_OF_MEMORY;
+    if (!result)
+        result = finished;
+    if (!result && !chunks_at(image, *bytes, *size))
+        result = EXR_ERR_UNKNOWN;
+    return status_of(result);
 }
 
 // ---- Decoding ----

@@ -6,5 +6,5 @@
 
 #include "compress/image_codec.h"
 
-bool sgsi_exr_image_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size);
+sgs_status sgsi_exr_image_encode(const sgsi_image16 *image, uint8_t **bytes, size_t *size);
 bool sgsi_exr_image_decode(const uint8_t *bytes, size_t size, const sgsi_image16 *image);

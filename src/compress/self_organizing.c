@@ -74,7 +74,8 @@ typedef struct sog_image {
     uint8_t *bytes; // encoder: from malloc
     const uint8_t *stored;
     size_t size;
-    bool done;
+    sgs_status status; // of the encoder
+    bool done;         // by the decoder
 } sog_image;
 
 // The images of a model, without pixels.
@@ -307,7 +308,8 @@ static void encode_image(void *context, size_t k, int thread)
     const double levels = (double)(1u << range->bits);
     const double span = (double)range->high - range->low;
     const size_t channels = (size_t)image->image.channels;
-    if (!allocate_pixels(image))
+    image->status = allocate_pixels(image) ? SGS_STATUS_OK : SGS_STATUS_OUT_OF_MEMORY;
+    if (image->status)
         return;
     for (size_t i = 0; i < (size_t)encoding->header->side * encoding->header->side; ++i)
         for (size_t c = 0; c < channels; ++c) {
@@ -318,8 +320,8 @@ static void encode_image(void *context, size_t k, int thread)
             image->image.pixels[i * channels + c] =
                 (uint16_t)(level > 0 ? (level < levels ? level : levels) : 0);
         }
-    image->done = sgsi_image_encode((sgs_image_codec)encoding->header->codec, &image->image,
-                                    &image->bytes, &image->size);
+    image->status = sgsi_image_encode((sgs_image_codec)encoding->header->codec, &image->image,
+                                      &image->bytes, &image->size);
     sgsi_free(image->image.pixels);
     image->image.pixels = NULL;
 }
@@ -340,9 +342,14 @@ static sgs_status encode_images(const sgsi_compress_job *job, const sog_header *
                               encode_image, &encoding);
     }
     for (int k = 0; k < count && !status; ++k) {
-        if (!images[k].done)
-            status =
-                sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "image '%s' cannot be encoded", images[k].name);
+        if (images[k].status == SGS_STATUS_OUT_OF_MEMORY)
+            status = sgsi_fail(images[k].status, "not enough memory to encode image '%s'",
+                               images[k].name);
+        else if (images[k].status)
+            status = sgsi_fail(images[k].status,
+                               "image '%s' of %u x %u pixels: the encoder failed; choose another "
+                               "codec with option codec",
+                               images[k].name, header->side, header->side);
         else
             sgsi_packer_add(job->out, images[k].name, images[k].bytes, images[k].size, false);
     }

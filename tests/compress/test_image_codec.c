@@ -55,7 +55,8 @@ static encoded_image *encode(int codec, int size, int channels, bool wide, int c
     made->codec = (sgs_image_codec)codec;
     made->image = (sgsi_image16){sizes[size][0], sizes[size][1], channels, wide, made->pixels};
     fill(&made->image, content);
-    assert_true(sgsi_image_encode(made->codec, &made->image, &made->bytes, &made->size));
+    assert_int_equal(sgsi_image_encode(made->codec, &made->image, &made->bytes, &made->size),
+                     SGS_STATUS_OK);
     return made;
 }
 
@@ -427,11 +428,18 @@ static void failed_exr_allocations_do_no_harm(void **state)
             size_t size = 0;
             bool same = false;
             sgsi_fail_allocation(n);
-            const bool done =
-                decoding ? decodes(made, made->image, made->bytes, made->size, &same)
-                         : sgsi_image_encode(SGS_IMAGE_CODEC_EXR, &made->image, &bytes, &size);
+            sgs_status status = SGS_STATUS_OK;
+            bool done;
+            if (decoding) {
+                done = decodes(made, made->image, made->bytes, made->size, &same);
+            } else {
+                status = sgsi_image_encode(SGS_IMAGE_CODEC_EXR, &made->image, &bytes, &size);
+                done = status == SGS_STATUS_OK;
+            }
             sgsi_fail_allocation(0);
             reached = sgsi_allocation_count() - before >= n;
+            if (!done && !decoding)
+                assert_int_equal(status, SGS_STATUS_OUT_OF_MEMORY);
             failures += !done;
             if (done && !decoding)
                 assert_true(size == made->size && !memcmp(bytes, made->bytes, size));
@@ -442,6 +450,27 @@ static void failed_exr_allocations_do_no_harm(void **state)
         assert_true(failures > 4);
     }
     release(made);
+}
+
+// Sizes that the formats do not have: not for lack of memory.
+static void failures_of_an_encoder_are_no_lack_of_memory(void **state)
+{
+    (void)state;
+    uint16_t *pixels = calloc(20000, sizeof *pixels);
+    assert_non_null(pixels);
+    const struct {
+        sgs_image_codec codec;
+        int width; // of one row
+    } cases[] = {{SGS_IMAGE_CODEC_JXL, 0}, {SGS_IMAGE_CODEC_WEBP, 16384}, {SGS_IMAGE_CODEC_EXR, 0}};
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c) {
+        const sgsi_image16 image = {cases[c].width, 1, 1, true, pixels};
+        uint8_t *bytes;
+        size_t size;
+        assert_int_equal(sgsi_image_encode(cases[c].codec, &image, &bytes, &size),
+                         SGS_STATUS_INTERNAL);
+        free(bytes);
+    }
+    free(pixels);
 }
 
 int main(void)
@@ -458,6 +487,7 @@ int main(void)
         cmocka_unit_test(exr_values_beyond_the_depth_are_rejected),
         cmocka_unit_test(other_exr_files_are_rejected),
         cmocka_unit_test(failed_exr_allocations_do_no_harm),
+        cmocka_unit_test(failures_of_an_encoder_are_no_lack_of_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

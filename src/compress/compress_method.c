@@ -32,11 +32,12 @@ static void warn_about_cells(const sgsi_compress_job *job, double side, bool is_
         ++coarse;
         largest = fmax(largest, cell);
     }
+    const bool more_bits = is_log && job->options->position_bits < SGSI_SOG_MAX_BITS;
     if (coarse > job->count / 100)
         sgsi_warn("positions have cells of %s%.3g units, more than the size of %zu of %zu "
                   "primitives; %sremove the primitives that are far from the others",
                   is_log ? "up to " : "", largest, coarse, job->count,
-                  is_log ? "increase option position_bits, or " : "");
+                  more_bits ? "increase option position_bits, or " : "");
 }
 
 void sgsi_warn_about_cells(const sgsi_compress_job *job, const float low[3], const float high[3],

@@ -8,6 +8,8 @@
 #include "compress/container.h"
 #include "sparegs/compress.h"
 
+enum { SGSI_SOG_MAX_BITS = 15 }; // of a value of sog: 2^15 + 1 levels in 16 bits
+
 typedef struct sgsi_compress_job {
     const sgs_compress_options *options; // complete: every field has its value
     sgs_render_options render;

@@ -422,7 +422,7 @@ static sgs_status read_header(sgsi_container *in, sog_header *header)
     for (int a = 0; a < ATTRIBUTES; ++a) {
         const sog_range *range = &header->ranges[a];
         if (!(fabsf(range->low) < 1e6f && fabsf(range->high) < 1e6f) || range->bits < 1 ||
-            range->bits > 15)
+            range->bits > SGSI_SOG_MAX_BITS)
             return sgsi_fail(SGS_STATUS_FORMAT, "%s: section 'grid': invalid range of '%s'",
                              in->path, attributes[a].name);
     }

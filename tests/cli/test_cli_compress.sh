@@ -157,6 +157,11 @@ check photos_do_not_matter cmp "$temporary/with_photos.light" "$temporary/withou
 run 1 compress "$model" "$temporary/without_photos" -o "$temporary/none" --method ghap --finetune 1
 reports "none of the 35 registered images can be read"
 
+# coarse_positions_cause_a_warning: the option that refines them, if it can
+run 0 compress "$model" -o "$temporary/coarse" --method sog --position-bits 2
+reports "; increase --position-bits, or remove the primitives that are far from the others"
+one_line
+
 # a_compressed_file_is_a_model: as the file that decompress writes
 run 0 compress "$model" -o "$temporary/packed" --method fcgs-like --quiet
 run 0 decompress "$temporary/packed" -o "$temporary/unpacked.ply" --quiet

@@ -284,7 +284,18 @@ static void large_cells_cause_a_warning(void **state)
             assert_non_null(strstr(warning, "more than the size of"));
         else
             assert_string_equal(warning, "");
+        assert_int_equal(strstr(warning, "; increase option position_bits, or") != NULL, bits == 7);
     }
+    // At most 15 bits: nothing to increase.
+    for (size_t i = 0; i < model->count; ++i)
+        for (int k = 0; k < 3; ++k)
+            *sgs_gaussians_at(model, i, SGS_PARAM_SCALE + k) = -20;
+    sgs_compress_options finest = sgs_compress_options_default();
+    finest.position_bits = 15;
+    char advice[512];
+    const char *pack = temp_path(&folder, "pack");
+    assert_int_equal(pack_with_warning(model, &finest, pack, advice), SGS_STATUS_OK);
+    assert_non_null(strstr(advice, "of 400 primitives; remove the primitives"));
     sgs_gaussians_destroy(model);
     temp_folder_remove(&folder);
 }

@@ -74,11 +74,19 @@ static void print_line(const char *prefix, const char *format, bool is_error, va
 // Fields of other options than those of training, and their flags.
 static const struct {
     const char *field, *flag;
-} renamed_fields[] = {{"images_dir", "images"},           {"masks_dir", "masks"},
-                      {"colorspace", "input-colorspace"}, {"invert_masks", "invert-masks"},
-                      {"downscale", "downscale"},         {"view_width", "size"},
-                      {"spz_version", "spz-version"},     {"distill", "distill"},
-                      {"finetune", "finetune"},           {"axis_depth", "depth z"}};
+} renamed_fields[] = {{"images_dir", "images"},
+                      {"masks_dir", "masks"},
+                      {"colorspace", "input-colorspace"},
+                      {"invert_masks", "invert-masks"},
+                      {"downscale", "downscale"},
+                      {"view_width", "size"},
+                      {"spz_version", "spz-version"},
+                      {"distill", "distill"},
+                      {"finetune", "finetune"},
+                      {"axis_depth", "depth z"},
+                      {"position_bits", "position-bits"},
+                      {"keep", "keep"},
+                      {"codec", "codec"}};
 
 // Writes the flag of a field with its dashes; false if the field has none.
 static bool flag_of_field(const char *field, char flag[48])

@@ -7,11 +7,13 @@
 // Positions are cells of 16 bits per axis in Morton order. The other attributes are quantised
 // uniformly. Primitives are coded in four groups of 1/6, 1/6, 2/6 and 2/6. The context of a value
 // is the mean and the variance of the values that were already coded in the same cell of a grid
-// (about eight primitives; its parent, of 64, while the cell has fewer than two). The difference
-// from the mean has a Laplace distribution per attribute and class of variance, i.e. its magnitude
-// is geometric; share of zeros and decay are fitted to the model and stored, and start the adaptive
-// models of a binary range coder. Only integers are used until the values are scaled by their
-// steps.
+// (the finest level with at least eight primitives per occupied cell on average; its parent while
+// the cell has fewer than two). The difference from the mean has a Laplace distribution per
+// attribute and class of variance, i.e. its magnitude is geometric; share of zeros and decay are
+// fitted to the model and stored, and start the adaptive models of a binary range coder. Only
+// integers are used until the values are scaled by their steps.
+//
+// Layout 1 had 12 classes and truncated the mean in the variance; it is refused.
 
 #include <math.h>
 #include <stdlib.h>
@@ -26,9 +28,9 @@
 enum {
     POSITION_BITS = 16,
     MAX_VALUES = SGS_PARAM_COUNT - 3,
-    CLASSES = 12, // 0 to 9: variance; one neighbour; none
-    CLASS_ONE = 10,
-    CLASS_NONE = 11,
+    CLASSES = 20, // 0 to 17: variance; one neighbour; none
+    CLASS_ONE = 18,
+    CLASS_NONE = 19,
     UNARY = 16,
     EXPONENTS = 24,
     CELL_PRIMITIVES = 8,
@@ -187,8 +189,9 @@ static int context_of(const fcgs_walk *walk, size_t i, int v, int32_t *mean)
     *mean = (int32_t)(twice >= 0 ? twice / (2 * count) : -((-twice + 2 * count - 1) / (2 * count)));
     if (count == 1)
         return CLASS_ONE;
-    // 16 times the variance.
-    int64_t variance = (walk->squares[k][at] - sum / count * sum) * 16 / count;
+    // 16 times the variance, in integers of less than 2^57: |sum| is at most 2^32, count 2^12.
+    const int64_t remainder = sum % count * sum / count; // of sum^2 / count
+    int64_t variance = (walk->squares[k][at] - sum / count * sum - remainder) * 16 / count;
     int class = 0;
     for (; variance > 1 && class < CLASS_ONE - 1; variance >>= 1)
         ++class;
@@ -508,4 +511,4 @@ static sgs_status decode(sgsi_container *in, sgs_gaussians **model)
 }
 
 const sgsi_compress_method sgsi_method_fcgs_like = {
-    .name = "fcgs-like", .version = 1, .defaults = defaults, .encode = encode, .decode = decode};
+    .name = "fcgs-like", .version = 2, .defaults = defaults, .encode = encode, .decode = decode};

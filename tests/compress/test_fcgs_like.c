@@ -133,6 +133,73 @@ static void neighbours_are_used(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// Bits per value of colours with one of two deviations, chosen per cell of a grid, in quantiser
+// steps.
+static double bits_of_deviations(const double deviations[2], double mean)
+{
+    enum { COUNT = 12000, SIDE = 8 };
+    sgs_gaussians *model = pack_model(COUNT, 0, 2);
+    size_t bytes[2];
+    for (int constant = 0; constant < 2; ++constant) {
+        for (uint64_t i = 0; i < COUNT; ++i) {
+            uint64_t cell = 0;
+            for (uint64_t k = 0; k < 3; ++k) {
+                const double x = sgsi_random_uniform(3, 3 * i + k);
+                cell = SIDE * cell + (uint64_t)(x * SIDE);
+                *sgs_gaussians_at(model, i, (int)k) = (float)x;
+            }
+            const double deviation = deviations[sgsi_random_bits(5, cell) & 1];
+            for (uint64_t k = 0; k < 3; ++k)
+                *sgs_gaussians_at(model, i, SGS_PARAM_SH_DC + (int)k) =
+                    constant
+                        ? 0
+                        : (float)(0.04 * (mean + deviation * sgsi_random_normal(4, 3 * i + k)));
+        }
+        bytes[constant] = bytes_of(model);
+    }
+    sgs_gaussians_destroy(model);
+    return 8.0 * ((double)bytes[0] - (double)bytes[1]) / (3 * COUNT);
+}
+
+// Entropies of rounded normal values are log2(deviation sqrt(2 pi e)) bits, for 0.3 steps 0.55
+// bits. With one class for both deviations, codes have 7.75 and 3.2 bits.
+static void deviations_are_told_apart(void **state)
+{
+    (void)state;
+    static const struct {
+        double deviations[2], mean, entropy, limit;
+    } cases[] = {{{8, 96}, 0, 6.84, 7.5}, {{0.3, 7}, 50, 2.7, 3.1}, {{0.3, 7}, -50, 2.7, 3.1}};
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; ++c) {
+        const double bits = bits_of_deviations(cases[c].deviations, cases[c].mean);
+        print_message("%.3f bits per value, entropy %.2f\n", bits, cases[c].entropy);
+        if (!(bits > cases[c].entropy && bits < cases[c].limit))
+            fail_msg("case %zu: %g bits per value", c, bits);
+    }
+}
+
+// Layout 1 had 12 classes and another variance.
+static void files_of_layout_1_are_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "pack");
+    sgs_gaussians *model = pack_model(50, 0, 1), *decoded;
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_FCGS_LIKE;
+    assert_int_equal(sgs_compress(model, &options, path, NULL), 0);
+    size_t size;
+    unsigned char *file = file_get(path, &size);
+    pack_put(file, 24, 1, 4);
+    pack_reseal(file, size);
+    file_put(path, file, size);
+    assert_int_equal(sgs_decompress(path, &decoded, NULL), SGS_STATUS_UNSUPPORTED);
+    assert_non_null(strstr(sgs_last_error(), "version 1 of method 'fcgs-like' is unknown; this "
+                                             "program reads version 2"));
+    free(file);
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 // A single distant primitive determines the size of the cells; methods with cells warn about it.
 static void large_cells_cause_a_warning(void **state)
 {
@@ -166,6 +233,8 @@ int main(void)
         cmocka_unit_test(coded_bits_come_back_at_their_entropy),
         cmocka_unit_test(errors_are_at_most_half_a_step),
         cmocka_unit_test(neighbours_are_used),
+        cmocka_unit_test(deviations_are_told_apart),
+        cmocka_unit_test(files_of_layout_1_are_refused),
         cmocka_unit_test(large_cells_cause_a_warning),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -25,7 +25,11 @@ typedef struct sgs_bd {
     double rate_percent; // mean change in size at equal PSNR, percent; < 0 is smaller. NaN = N/A
     double psnr_db;      // mean change in PSNR at equal size, dB; > 0 is better. NaN = N/A
     const char *rate_reason, *psnr_reason; // why a figure is N/A, or NULL; owned by the library
-    size_t ties; // points moved by 1e-9 because another point has the same PSNR or size
+    // Points moved by 1e-9 because another point of their curve has the same PSNR or size.
+    size_t ties;
+    // Width in dB of the common range of PSNR, over which the rate is a mean; 0 = none, or the
+    // curves were not compared. Below 0.02, the rate depends on the rounding of the points.
+    double common_psnr_db;
 } sgs_bd;
 
 // Compares `test` with `anchor` (Bjontegaard, VCEG-M33, 2001). The curves are interpolated by

@@ -22,6 +22,7 @@ static const double TIE = 1e-9;
 
 typedef struct sample {
     double x, y;
+    size_t point; // index in the curve
 } sample;
 
 // A piecewise cubic through (x, y) with slopes d; x ascends strictly.
@@ -36,7 +37,9 @@ static int by_x(const void *a, const void *b)
     const sample *p = a, *q = b;
     if (p->x != q->x)
         return p->x < q->x ? -1 : 1;
-    return p->y < q->y ? -1 : p->y > q->y;
+    if (p->y != q->y)
+        return p->y < q->y ? -1 : 1;
+    return p->point < q->point ? -1 : p->point > q->point;
 }
 
 static double end_slope(double h0, double h1, double s0, double s1)
@@ -70,17 +73,15 @@ static void set_slopes(pchip *curve)
     }
 }
 
-// Sorts by x and moves equal x apart. Returns the number of moved points.
-static size_t separate(pchip *curve)
+// Sorts by x and moves equal x apart. Sets moved [count] at the points that it moves.
+static void separate(pchip *curve, bool *moved)
 {
-    size_t ties = 0;
     qsort(curve->at, curve->count, sizeof *curve->at, by_x);
     for (size_t k = 1; k < curve->count; ++k)
         if (curve->at[k].x <= curve->at[k - 1].x) {
             curve->at[k].x = curve->at[k - 1].x + TIE;
-            ++ties;
+            moved[curve->at[k].point] = true;
         }
-    return ties;
 }
 
 // Integral of one cubic piece from its left end to the fraction t of its width.
@@ -115,7 +116,7 @@ static void pchip_free(pchip *curve)
 
 // PSNR over ln(size), or the inverse.
 static bool make_curve(const sgs_rd_point *points, size_t count, bool inverse, pchip *curve,
-                       size_t *ties)
+                       bool *moved)
 {
     *curve = (pchip){.count = count,
                      .at = sgsi_alloc(count, sizeof *curve->at),
@@ -124,26 +125,35 @@ static bool make_curve(const sgs_rd_point *points, size_t count, bool inverse, p
         return false;
     for (size_t k = 0; k < count; ++k) {
         const double size = log(points[k].size), psnr = points[k].psnr;
-        curve->at[k] = inverse ? (sample){psnr, size} : (sample){size, psnr};
+        curve->at[k] = inverse ? (sample){psnr, size, k} : (sample){size, psnr, k};
     }
-    *ties += separate(curve);
+    separate(curve, moved);
     set_slopes(curve);
     return true;
 }
 
-// Mean of test - anchor over the common range of x; NaN if that is not wider than `width`.
-static sgs_status mean_difference(const sgs_rd_point *anchor, size_t anchor_count,
-                                  const sgs_rd_point *test, size_t test_count, bool inverse,
-                                  double width, double *mean, size_t *ties)
+// Two curves, and for each point whether it is moved.
+typedef struct comparison {
+    const sgs_rd_point *points[2]; // anchor, test
+    size_t counts[2];
+    bool *moved[2]; // one block, owned by moved[0]
+} comparison;
+
+// Mean of test - anchor over the common range of x; NaN if that is not wider than `width`. *common:
+// the width of the range, at most 0 if there is none.
+static sgs_status mean_difference(const comparison *c, bool inverse, double width, double *mean,
+                                  double *common)
 {
     pchip curves[2] = {0};
-    const bool made = make_curve(anchor, anchor_count, inverse, &curves[0], ties) &&
-                      make_curve(test, test_count, inverse, &curves[1], ties);
+    bool made = true;
+    for (int k = 0; k < 2 && made; ++k)
+        made = make_curve(c->points[k], c->counts[k], inverse, &curves[k], c->moved[k]);
     *mean = NAN;
     if (made) {
         const sample *a = curves[0].at, *t = curves[1].at;
         const double low = fmax(a[0].x, t[0].x);
-        const double high = fmin(a[anchor_count - 1].x, t[test_count - 1].x);
+        const double high = fmin(a[c->counts[0] - 1].x, t[c->counts[1] - 1].x);
+        *common = high - low;
         if (high - low > width)
             *mean =
                 (integral(&curves[1], low, high) - integral(&curves[0], low, high)) / (high - low);
@@ -152,8 +162,8 @@ static sgs_status mean_difference(const sgs_rd_point *anchor, size_t anchor_coun
     pchip_free(&curves[1]);
     return made ? SGS_STATUS_OK
                 : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                            "not enough memory for curves of %zu and %zu points", anchor_count,
-                            test_count);
+                            "not enough memory for curves of %zu and %zu points", c->counts[0],
+                            c->counts[1]);
 }
 
 // True if some smaller file is better by more than the rounding of published values.
@@ -178,6 +188,34 @@ static sgs_status check_points(const char *curve, const sgs_rd_point *points, si
     return SGS_STATUS_OK;
 }
 
+// Curves of three points or more.
+static sgs_status compare(const sgs_rd_point *anchor, size_t anchor_count, const sgs_rd_point *test,
+                          size_t test_count, sgs_bd *bd)
+{
+    bool *moved = sgsi_calloc(anchor_count + test_count, sizeof *moved);
+    const comparison c = {
+        {anchor, test}, {anchor_count, test_count}, {moved, moved + anchor_count}};
+    double rate = NAN, common = 0, common_sizes;
+    sgs_status status = moved ? mean_difference(&c, true, 0, &rate, &common)
+                              : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                                          "not enough memory for curves of %zu and %zu points",
+                                          anchor_count, test_count);
+    if (!status)
+        status = mean_difference(&c, false, log(COMMON_SIZE_RATIO), &bd->psnr_db, &common_sizes);
+    for (size_t k = 0; k < anchor_count + test_count && !status; ++k)
+        bd->ties += moved[k];
+    sgsi_free(moved);
+    if (status)
+        return status;
+    bd->common_psnr_db = fmax(common, 0);
+    bd->rate_percent = 100 * expm1(rate);
+    if (isnan(rate))
+        bd->rate_reason = "the curves have no common range of PSNR";
+    if (isnan(bd->psnr_db))
+        bd->psnr_reason = "the curves have no common range of sizes of at least 4 %";
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgs_bd_compute(const sgs_rd_point *anchor, size_t anchor_count, const sgs_rd_point *test,
                           size_t test_count, sgs_bd *bd)
 {
@@ -195,17 +233,5 @@ sgs_status sgs_bd_compute(const sgs_rd_point *anchor, size_t anchor_count, const
     bd->rate_reason = bd->psnr_reason = reason;
     if (reason)
         return SGS_STATUS_OK;
-    double rate;
-    status = mean_difference(anchor, anchor_count, test, test_count, true, 0, &rate, &bd->ties);
-    if (!status)
-        status = mean_difference(anchor, anchor_count, test, test_count, false,
-                                 log(COMMON_SIZE_RATIO), &bd->psnr_db, &bd->ties);
-    if (status)
-        return status;
-    bd->rate_percent = 100 * expm1(rate);
-    if (isnan(rate))
-        bd->rate_reason = "the curves have no common range of PSNR";
-    if (isnan(bd->psnr_db))
-        bd->psnr_reason = "the curves have no common range of sizes of at least 4 %";
-    return SGS_STATUS_OK;
+    return compare(anchor, anchor_count, test, test_count, bd);
 }

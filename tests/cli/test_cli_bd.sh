@@ -40,7 +40,25 @@ prints "a smaller file is better by more than 0.02 dB"
 # ties_are_reported
 printf 'size,psnr\n10,20\n20,25\n40,25\n' >"$b"
 run 0 bd "$a" "$b"
-reports "warning: 1 points have the PSNR or size of another point"
+reports "warning: equal PSNRs or sizes within a curve were moved apart by 1e-9 (1 point); the result depends on their rounding"
+one_line
+run 0 bd "$b" "$b"
+reports "(2 points)"
+printf 'size,psnr\n10,20\n20,25\n20,25\n40,29\n' >"$b"
+run 0 bd "$a" "$b" # moved in both directions
+reports "(1 point)"
+
+# a_narrow_common_range_of_psnr_is_reported
+printf 'size,psnr\n10,28.9995\n20,35\n40,39\n' >"$b"
+run 0 bd "$a" "$b"
+prints "BD-rate   -75.00 %"
+reports "warning: the PSNR ranges of the curves overlap by 0.0005 dB only; BD-rate depends on the rounding of the points"
+one_line
+run 0 bd "$a" "$b" --json
+json "$temporary/stdout" '(.common_psnr_db - 0.0005 | fabs) < 1e-9'
+printf 'size,psnr\n10,28.9\n20,35\n40,39\n' >"$b"
+run 0 bd "$a" "$b"
+check a_wider_range_is_not test ! -s "$temporary/stderr"
 
 # one_table_of_several_curves: the column is bytes, as in post.csv; rows are selected by the values of columns
 post=$temporary/post.csv

@@ -295,8 +295,30 @@ static void equal_points_are_moved_apart_and_counted(void **state)
     const sgs_rd_point a[4] = {{10, 20}, {20, 25}, {20, 25}, {40, 29}};
     sgs_bd bd;
     assert_int_equal(sgs_bd_compute(a, 4, a, 4, &bd), 0);
-    assert_int_equal(bd.ties, 4); // by PSNR and by size, in both curves
+    assert_int_equal(bd.ties, 2); // one in each curve, by PSNR and by size
     assert_true(fabs(bd.rate_percent) < 1e-9 && fabs(bd.psnr_db) < 1e-9);
+    // By size and by PSNR: two different points.
+    const sgs_rd_point b[4] = {{10, 20}, {10, 21}, {20, 25}, {40, 25}};
+    const sgs_rd_point c[3] = {{10, 20}, {20, 25}, {40, 29}};
+    assert_int_equal(sgs_bd_compute(b, 4, c, 3, &bd), 0);
+    assert_int_equal(bd.ties, 2);
+}
+
+// The rate stays, however small the common range is; its width says what it is worth.
+static void common_range_of_psnr_is_reported(void **state)
+{
+    (void)state;
+    const sgs_rd_point a[3] = {{10, 20}, {20, 25}, {40, 29}};
+    const sgs_rd_point narrow[3] = {{10, 28.9995}, {20, 31}, {40, 32}};
+    const sgs_rd_point apart[3] = {{10, 30}, {20, 31}, {40, 32}};
+    sgs_bd bd;
+    assert_int_equal(sgs_bd_compute(a, 3, narrow, 3, &bd), 0);
+    assert_true(fabs(bd.common_psnr_db - 0.0005) < 1e-12);
+    assert_true(fabs(bd.rate_percent + 75) < 0.1 && !bd.rate_reason); // 10 instead of 40
+    assert_int_equal(sgs_bd_compute(a, 3, a, 3, &bd), 0);
+    assert_true(fabs(bd.common_psnr_db - 9) < 1e-12);
+    assert_int_equal(sgs_bd_compute(a, 3, apart, 3, &bd), 0);
+    assert_true(bd.common_psnr_db == 0);
 }
 
 static void invalid_points_are_refused(void **state)
@@ -320,7 +342,7 @@ static void running_out_of_memory_is_an_error(void **state)
     (void)state;
     const sgs_rd_point good[3] = {{1, 20}, {2, 21}, {3, 22}};
     sgs_bd bd;
-    for (size_t k = 1; k <= 8; ++k) {
+    for (size_t k = 1; k <= 9; ++k) {
         sgsi_fail_allocation(k);
         assert_int_equal(sgs_bd_compute(good, 3, good, 3, &bd), SGS_STATUS_OUT_OF_MEMORY);
     }
@@ -336,6 +358,7 @@ int main(void)
         cmocka_unit_test(straight_curves_have_a_closed_form),
         cmocka_unit_test(figures_without_a_base_are_not_available),
         cmocka_unit_test(equal_points_are_moved_apart_and_counted),
+        cmocka_unit_test(common_range_of_psnr_is_reported),
         cmocka_unit_test(invalid_points_are_refused),
         cmocka_unit_test(running_out_of_memory_is_an_error),
     };

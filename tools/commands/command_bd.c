@@ -29,6 +29,7 @@ static const char description[] =
     "(PCHIP) over ln(size).";
 
 enum { COLUMNS = 2, MAX_POINTS = 100000, MAX_CONDITIONS = 16 };
+static const double LEAST_COMMON_DB = 0.02; // published values are rounded to 0.01 dB
 
 typedef struct bd_values {
     const char *select, *select_test;
@@ -296,6 +297,18 @@ static void convert_to_bytes(const char *path, const char *other_path, curve *si
         sizes->points[k].size *= 1024.0 * 1024.0;
 }
 
+static void warn_unreliable(const sgs_bd *bd)
+{
+    if (bd->ties)
+        print_warning("equal PSNRs or sizes within a curve were moved apart by 1e-9 (%zu point%s); "
+                      "the result depends on their rounding",
+                      bd->ties, bd->ties == 1 ? "" : "s");
+    if (!isnan(bd->rate_percent) && bd->common_psnr_db < LEAST_COMMON_DB)
+        print_warning("the PSNR ranges of the curves overlap by %.2g dB only; BD-rate depends on "
+                      "the rounding of the points",
+                      bd->common_psnr_db);
+}
+
 static void print_figure(const char *name, double value, const char *unit, const char *reason)
 {
     if (reason)
@@ -314,6 +327,7 @@ static bool print_deltas(const sgs_bd *bd, bool json)
     json_t *root = json_result_new();
     json_object_set_new(root, "bd_rate_percent", json_number(bd->rate_percent));
     json_object_set_new(root, "bd_psnr_db", json_number(bd->psnr_db));
+    json_object_set_new(root, "common_psnr_db", json_number(bd->common_psnr_db));
     json_object_set_new(root, "bd_rate_reason",
                         bd->rate_reason ? json_string(bd->rate_reason) : json_null());
     json_object_set_new(root, "bd_psnr_reason",
@@ -352,10 +366,8 @@ int command_bd(int argc, char **argv)
         done = !sgs_bd_compute(anchor.points, anchor.count, test.points, test.count, &bd);
         if (!done)
             fail_library();
-        else if (bd.ties)
-            print_warning("%zu points have the PSNR or size of another point of their curve and "
-                          "are moved by 1e-9",
-                          bd.ties);
+        else
+            warn_unreliable(&bd);
         done = done && print_deltas(&bd, call.common.json);
     }
     free(of_anchor.names);

@@ -131,6 +131,8 @@ usage "-o requires --ratio R" "$model" --method refine -o "$temporary/x.ply"
 usage "--ratio: '1' is not a share from 0 to less than 1" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,1
 usage "--ratio: '' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,
 usage "--ratio: 'nan' is not a share" "$model" --method refine -o "$temporary/x.ply" --ratio nan
+usage "-o $temporary/x.ply: several ratios require a folder; give one ratio, or a name without a model extension" "$model" \
+    --method refine -o "$temporary/x.ply" --ratio 0.3,0.5
 usage "--ratio: 0.50 is given twice" "$model" --method refine -o "$temporary/x.ply" --ratio 0.5,0.50
 usage "x.xyz: the name has no known extension; use .ply," "$model" --method refine -o "$temporary/x.xyz" --ratio 0.5
 usage "x.html: a page cannot be read as a model" "$model" --method refine -o "$temporary/x.html" --ratio 0.5

@@ -203,6 +203,10 @@ static int check_values(pruning *p)
     sgs_model_format format;
     if (values->output && p->ratios.count == 1 && model_output_format(values->output, &format) >= 0)
         return EXIT_USAGE;
+    if (values->output && p->ratios.count > 1 && sgs_model_format_of_name(values->output, &format))
+        return fail_usage("-o %s: several ratios require a folder; give one ratio, or a name "
+                          "without a model extension",
+                          values->output);
     if (!has_scene && needs_views(values->method))
         return fail_usage("--method %s requires the argument SCENE for its training views",
                           method_names[values->method]);

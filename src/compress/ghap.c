@@ -15,8 +15,8 @@
 // multiplied by sqrt(2). The primitive nearest to a component supplies SH coefficients and opacity.
 // With a scene the result is trained for 5000 iterations.
 //
-// Differences from the released code: the tree has fewer levels for models of less than 8192
-// primitives, so that a block has at least 8 (otherwise blocks would lose all of them).
+// Differences from the released code: the tree has fewer levels if the model has fewer than 8192
+// primitives or fewer than 1024 remain, so that a block has at least 8 and keeps at least one.
 
 #include <float.h>
 #include <math.h>

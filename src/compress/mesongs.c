@@ -12,7 +12,9 @@
 // (sum w + 1e-5), w the importance over its maximum, so that unused codes decay, as released.
 //
 // Differences: cells are stored in Morton order, as differences in 7-bit groups; the cell of the
-// largest position is 2^depth - 1.
+// largest position is 2^depth - 1. w is the largest importance in a cell; the release passes the
+// importance in the order before the octree sorts and merges the points, so that its weights belong
+// to other points.
 
 #include <math.h>
 #include <string.h>

@@ -118,14 +118,19 @@ static json_t *update_words(const json_t *train, const json_t *spare, const json
 }
 
 // [{"iteration","grid","cells":[[voxel, -, count, quota, slack, weight]]}], at most eight updates
-// evenly spread.
+// evenly spread. None, after a warning, if the file is damaged.
 static json_t *region_maps(const char *folder)
 {
     enum { MAPS = 8 };
     region_history history;
     json_t *maps = json_array();
-    if (!region_history_read(folder, &history))
+    errors_hold(true);
+    const bool whole = region_history_read(folder, &history);
+    errors_hold(false);
+    if (!whole) {
+        print_warning("%s; its region maps are omitted", last_error_text());
         return maps;
+    }
     for (size_t u = 0; u < history.count; ++u) {
         const sgs_regions *update = &history.updates[u];
         const size_t wanted = history.count < MAPS ? history.count : MAPS;

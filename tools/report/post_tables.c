@@ -11,6 +11,7 @@
 
 #include "cli/progress.h"
 #include "report/table_rows.h"
+#include "report/time_conditions.h"
 #include "sparegs/rate_distortion.h"
 
 enum { BYTES, SECONDS, PSNR, SSIM, PERCEPTUAL, FIGURES };
@@ -34,6 +35,7 @@ typedef struct selection {
     const json_t *plan, *runs;
     const char *pipeline, *step, *group, *perceptual; // perceptual: "lpips" or "flip"
     bool is_data_set;
+    unsigned *untimed; // bits of the conditions because of which changes of time are missing
 } selection;
 
 typedef struct figures {
@@ -167,9 +169,36 @@ static void put_delta(json_t *row, const char *format, double value)
     table_put_text(row, isnan(value) ? "N/A" : text);
 }
 
-// The last row of a group: changes over all points.
+// Bits of the conditions that differ between the results of both variants in the scenes that count.
+static unsigned untimed_of(const selection *chosen, const bool *counts)
+{
+    const json_t *scenes = json_object_get(chosen->plan, "scenes");
+    unsigned untimed = 0;
+    for (size_t s = 0; s < json_array_size(scenes); ++s) {
+        time_conditions conditions = {0};
+        for (size_t k = 0; k < json_array_size(chosen->runs) && counts[s]; ++k) {
+            const json_t *run = json_array_get(chosen->runs, k), *result;
+            const char *variant = json_member_text(run, "variant");
+            size_t p;
+            if (strcmp(json_member_text(run, "scene"),
+                       json_member_text(json_array_get(scenes, s), "name")) ||
+                strcmp(json_member_text(run, "pipeline"), chosen->pipeline) ||
+                (strcmp(variant, "off") && strcmp(variant, "on")))
+                continue;
+            json_array_foreach(json_object_get(run, "post"), p, result)
+            {
+                if (!strcmp(json_member_text(result, "step"), chosen->step))
+                    time_conditions_add(&conditions, result);
+            }
+        }
+        untimed |= conditions.differing;
+    }
+    return untimed;
+}
+
+// The last row of a group: changes over all points. untimed: see untimed_of.
 static void put_changes(json_t *table, const selection *chosen, const figures *base,
-                        const figures *ours, size_t count)
+                        const figures *ours, size_t count, unsigned untimed)
 {
     sgs_rd_point *const base_curve = calloc_or_exit(2 * count, sizeof *base_curve),
                         *const our_curve = base_curve + count;
@@ -188,7 +217,8 @@ static void put_changes(json_t *table, const selection *chosen, const figures *b
     put_labels(row, chosen, "all");
     for (int k = 0; k < 2 * FIGURES; ++k)
         table_put_text(row, "");
-    table_put_number(row, "%+.1f %%", seconds[0] > 0 ? 100 * (seconds[1] / seconds[0] - 1) : NAN);
+    table_put_number(row, "%+.1f %%",
+                     seconds[0] > 0 && !untimed ? 100 * (seconds[1] / seconds[0] - 1) : NAN);
     put_delta(row, "%+.2f %%", bd.rate_percent);
     put_delta(row, "%+.2f dB", bd.psnr_db);
     table_end_row(table, row);
@@ -217,8 +247,11 @@ static void put_group(json_t *table, const selection *chosen, const json_t *poin
         table_end_row(table, row);
         ++count;
     }
-    if (count)
-        put_changes(table, chosen, base, ours, count);
+    if (count) {
+        const unsigned untimed = untimed_of(chosen, counts);
+        put_changes(table, chosen, base, ours, count, untimed);
+        *chosen->untimed |= untimed;
+    }
     free(counts);
     free(base);
 }
@@ -329,13 +362,15 @@ static void put_singles(json_t *table, selection *chosen, const json_t *points)
     }
 }
 
-// put(table, selection, points) for every pipeline and every step of a kind.
-static void for_each_step(const json_t *results, const char *kind, json_t *table,
-                          void (*put)(json_t *, selection *, const json_t *))
+// put(table, selection, points) for every pipeline and every step of a kind. Returns the bits of
+// the conditions because of which changes of time are missing.
+static unsigned for_each_step(const json_t *results, const char *kind, json_t *table,
+                              void (*put)(json_t *, selection *, const json_t *))
 {
     const json_t *plan = json_object_get(results, "plan"), *runs = json_object_get(results, "runs");
     json_t *steps = steps_of(runs, kind);
     const json_t *pipelines = json_object_get(plan, "pipelines");
+    unsigned untimed = 0;
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
         const char *step;
         json_t *points;
@@ -345,11 +380,13 @@ static void for_each_step(const json_t *results, const char *kind, json_t *table
                                 .runs = runs,
                                 .pipeline = json_string_value(json_array_get(pipelines, p)),
                                 .step = step,
-                                .perceptual = perceptual_of(runs)};
+                                .perceptual = perceptual_of(runs),
+                                .untimed = &untimed};
             put(table, &chosen, points);
         }
     }
     json_decref(steps);
+    return untimed;
 }
 
 static json_t *kind_table(const json_t *results, const char *kind, const char *title)
@@ -381,7 +418,7 @@ static json_t *kind_table(const json_t *results, const char *kind, const char *t
         "at equal PSNR; BD-PSNR: change in PSNR "
         "at equal size; N/A without a common range, or if a smaller file of a curve is better.",
         columns);
-    for_each_step(results, kind, table, put_step);
+    time_conditions_add_note(table, for_each_step(results, kind, table, put_step));
     return table;
 }
 

@@ -3,9 +3,9 @@
 
 // Tables as in the SPARE-GS paper: base pipelines without ("off") and with ("on") SPARE-GS and the
 // change; all variants of a pipeline; seconds per phase; runs that ended early. A cell is a mean
-// over seeds, with their standard deviation if there are several, a row over scenes the mean of the
-// scenes' percentages, the last row a mean over pipelines. With data sets in the plan, averages are
-// those of Table I: percentages of the means of a data set, weighted by its scenes.
+// over seeds, with their standard deviation if there are several, a change over scenes the mean of
+// the scenes' changes, the last row of the first table a mean over pipelines. With data sets in the
+// plan, averages are those of Table I: changes of the means of a data set, weighted by its scenes.
 
 #include "report/report_tables.h"
 
@@ -17,6 +17,7 @@
 #include "cli/output.h"
 #include "report/post_tables.h"
 #include "report/table_rows.h"
+#include "report/time_conditions.h"
 
 // A metric such as "train_seconds" or "test.psnr".
 static double metric_of(const json_t *run, const char *metric)
@@ -32,15 +33,19 @@ static double metric_of(const json_t *run, const char *metric)
     return json_is_number(at) ? json_number_value(at) : NAN;
 }
 
-// The metric of a run of a scene (of any if `scene` is NULL), a pipeline and a variant. NaN for
-// other runs.
+// True if a run is one of a scene (of any if `scene` is NULL), a pipeline and a variant.
+static bool is_run(const json_t *run, const char *scene, const char *pipeline, const char *variant)
+{
+    return (!scene || !strcmp(scene, json_member_text(run, "scene"))) &&
+           !strcmp(pipeline, json_member_text(run, "pipeline")) &&
+           !strcmp(variant, json_member_text(run, "variant"));
+}
+
+// The metric of such a run. NaN for other runs.
 static double value_of(const json_t *run, const char *scene, const char *pipeline,
                        const char *variant, const char *metric)
 {
-    const bool other = (scene && strcmp(scene, json_member_text(run, "scene"))) ||
-                       strcmp(pipeline, json_member_text(run, "pipeline")) ||
-                       strcmp(variant, json_member_text(run, "variant"));
-    return other ? NAN : metric_of(run, metric);
+    return is_run(run, scene, pipeline, variant) ? metric_of(run, metric) : NAN;
 }
 
 // Mean over the runs with this seed (NULL: any), over scenes if `scene` is NULL, and their number.
@@ -145,26 +150,67 @@ static void put_changes(json_t *table, const char *pipeline, const char *label, 
     table_end_row(table, row);
 }
 
-// The values of variants off and on, of one scene or means over scenes. Deviations and numbers of
-// seeds are those of a scene.
+// The variants that a table compares.
+typedef struct comparison {
+    const json_t *plan, *runs;
+    const char *pipeline, *base, *ours;
+} comparison;
+
+// The values of both variants, of one scene or means over scenes. Deviations and numbers of seeds
+// are those of a scene. untimed: bits of the conditions because of which the times cannot be
+// compared.
 typedef struct pair {
     double base[METRICS], ours[METRICS], base_deviation[METRICS], our_deviation[METRICS];
     int base_seeds, our_seeds;
+    unsigned untimed;
 } pair;
 
-static pair pair_of(const json_t *plan, const json_t *runs, const char *scene, const char *pipeline)
+// Without deviations.
+static pair pair_of(const comparison *compared, const char *scene)
 {
-    pair values;
-    for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
-        const char *metric = metrics[k];
-        values.base[k] = mean(runs, scene, pipeline, "off", metric);
-        values.ours[k] = mean(runs, scene, pipeline, "on", metric);
-        values.base_deviation[k] =
-            deviation(plan, runs, scene, pipeline, "off", metric, &values.base_seeds);
-        values.our_deviation[k] =
-            deviation(plan, runs, scene, pipeline, "on", metric, &values.our_seeds);
+    pair values = {0};
+    time_conditions conditions = {0};
+    for (int k = 0; k < METRICS; ++k) {
+        values.base[k] =
+            mean(compared->runs, scene, compared->pipeline, compared->base, metrics[k]);
+        values.ours[k] =
+            mean(compared->runs, scene, compared->pipeline, compared->ours, metrics[k]);
+        values.base_deviation[k] = values.our_deviation[k] = NAN;
     }
+    for (size_t k = 0; k < json_array_size(compared->runs); ++k) {
+        const json_t *run = json_array_get(compared->runs, k);
+        if (is_run(run, scene, compared->pipeline, compared->base) ||
+            is_run(run, scene, compared->pipeline, compared->ours))
+            time_conditions_add_run(&conditions, run);
+    }
+    values.untimed = conditions.differing;
     return values;
+}
+
+static void add_deviations(const comparison *compared, const char *scene, pair *values)
+{
+    for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
+        values->base_deviation[k] =
+            deviation(compared->plan, compared->runs, scene, compared->pipeline, compared->base,
+                      metrics[k], &values->base_seeds);
+        values->our_deviation[k] =
+            deviation(compared->plan, compared->runs, scene, compared->pipeline, compared->ours,
+                      metrics[k], &values->our_seeds);
+    }
+}
+
+// True if the scene has runs of both variants.
+static bool is_whole(const pair *values)
+{
+    return !isnan(values->base[1]) && !isnan(values->ours[1]);
+}
+
+static void changes_of(const pair *values, double changes[METRICS])
+{
+    for (int k = 0; k < METRICS; ++k)
+        changes[k] = change(k, values->base[k], values->ours[k]);
+    if (values->untimed)
+        changes[0] = NAN;
 }
 
 // The number of seeds, two numbers if they differ, or nothing in a row over scenes.
@@ -190,14 +236,17 @@ static void put_pair(json_t *table, const char *pipeline, const char *label, boo
         table_put_spread(row, formats[k], values->base[k], values->base_deviation[k]);
     for (int k = 0; k < shown; ++k)
         table_put_spread(row, formats[k], values->ours[k], values->our_deviation[k]);
+    double changes[METRICS];
+    changes_of(values, changes);
     for (int k = 0; k < shown; ++k)
-        table_put_number(row, change_formats[k], change(k, values->base[k], values->ours[k]));
+        table_put_number(row, change_formats[k], changes[k]);
     table_end_row(table, row);
 }
 
-// Sums of changes, each with its weight.
+// Sums of changes, each with its weight. untimed: see pair.
 typedef struct change_mean {
     double sums[METRICS], weight;
+    unsigned untimed;
 } change_mean;
 
 static void add_change(change_mean *to, const double changes[METRICS], double weight)
@@ -213,47 +262,42 @@ static void finish_changes(const change_mean *from, double changes[METRICS])
         changes[k] = from->weight > 0 ? from->sums[k] / from->weight : NAN;
 }
 
-// A row per scene of a data set (all scenes if `data_set` is NULL), and for a data set a row with
-// the means of its scenes. Adds the change of the data set, weighted by its scenes, or that of each
-// scene. Scenes without runs of both variants do not count.
-static void put_scenes(json_t *table, const json_t *results, const char *pipeline,
-                       const char *data_set, change_mean *total)
+// Means over the scenes of a data set (all scenes if it is NULL) that have runs of both variants.
+// Adds the change of the data set to `total`, weighted by its scenes, or that of each scene. False
+// without such a scene.
+static bool add_scenes(const comparison *compared, const char *data_set, pair *means,
+                       change_mean *total)
 {
-    const json_t *scenes = json_object_get(json_object_get(results, "plan"), "scenes"),
-                 *runs = json_object_get(results, "runs");
-    const int shown = shown_metrics(runs);
-    const json_t *plan = json_object_get(results, "plan");
-    const bool seeds = has_seeds(plan);
-    pair means = {0};
+    const json_t *scenes = json_object_get(compared->plan, "scenes");
     double count = 0, changes[METRICS];
+    *means = (pair){0};
     for (size_t s = 0; s < json_array_size(scenes); ++s) {
         const json_t *scene = json_array_get(scenes, s);
-        const char *name = json_member_text(scene, "name");
         if (data_set && strcmp(data_set, json_member_text(scene, "data_set")))
             continue;
-        const pair values = pair_of(plan, runs, name, pipeline);
-        put_pair(table, pipeline, name, seeds, shown, &values);
-        if (isnan(values.base[1]) || isnan(values.ours[1]))
+        const pair values = pair_of(compared, json_member_text(scene, "name"));
+        if (!is_whole(&values))
             continue;
         for (int k = 0; k < METRICS; ++k) {
-            means.base[k] += values.base[k];
-            means.ours[k] += values.ours[k];
-            changes[k] = change(k, values.base[k], values.ours[k]);
+            means->base[k] += values.base[k];
+            means->ours[k] += values.ours[k];
         }
+        means->untimed |= values.untimed;
         ++count;
+        changes_of(&values, changes);
         if (!data_set)
             add_change(total, changes, 1.0);
     }
-    if (!data_set || !(count > 0))
-        return;
     for (int k = 0; k < METRICS; ++k) {
-        means.base[k] /= count;
-        means.ours[k] /= count;
-        means.base_deviation[k] = means.our_deviation[k] = NAN;
-        changes[k] = change(k, means.base[k], means.ours[k]);
+        means->base[k] /= count;
+        means->ours[k] /= count;
+        means->base_deviation[k] = means->our_deviation[k] = NAN;
     }
-    put_pair(table, pipeline, data_set, seeds, shown, &means);
-    add_change(total, changes, count);
+    changes_of(means, changes);
+    if (data_set && count > 0)
+        add_change(total, changes, count);
+    total->untimed |= means->untimed;
+    return count > 0;
 }
 
 static bool is_first_of_data_set(const json_t *scenes, size_t s)
@@ -263,6 +307,34 @@ static bool is_first_of_data_set(const json_t *scenes, size_t s)
                     json_member_text(json_array_get(scenes, s), "data_set")))
             return false;
     return true;
+}
+
+static bool in_data_sets(const json_t *plan)
+{
+    const json_t *scenes = json_object_get(plan, "scenes");
+    return *json_member_text(json_array_get(scenes, 0), "data_set");
+}
+
+// A row per scene of a data set (all scenes if `data_set` is NULL), and for a data set a row with
+// the means of its scenes. Adds to `total` as add_scenes does.
+static void put_scenes(json_t *table, const comparison *compared, const char *data_set,
+                       change_mean *total)
+{
+    const json_t *scenes = json_object_get(compared->plan, "scenes");
+    const int shown = shown_metrics(compared->runs);
+    const bool seeds = has_seeds(compared->plan);
+    pair means;
+    for (size_t s = 0; s < json_array_size(scenes); ++s) {
+        const json_t *scene = json_array_get(scenes, s);
+        const char *name = json_member_text(scene, "name");
+        if (data_set && strcmp(data_set, json_member_text(scene, "data_set")))
+            continue;
+        pair values = pair_of(compared, name);
+        add_deviations(compared, name, &values);
+        put_pair(table, compared->pipeline, name, seeds, shown, &values);
+    }
+    if (add_scenes(compared, data_set, &means, total) && data_set)
+        put_pair(table, compared->pipeline, data_set, seeds, shown, &means);
 }
 
 // Names of the metrics in both states, and of their changes.
@@ -302,21 +374,22 @@ static json_t *pipelines_table(const json_t *results)
     const json_t *plan = json_object_get(results, "plan"),
                  *pipelines = json_object_get(plan, "pipelines"),
                  *scenes = json_object_get(plan, "scenes");
-    const bool in_sets = *json_member_text(json_array_get(scenes, 0), "data_set");
+    const bool in_sets = in_data_sets(plan), seeds = has_seeds(plan);
     const int shown = shown_metrics(json_object_get(results, "runs"));
-    const bool seeds = has_seeds(plan);
     json_t *table = new_pipelines_table(in_sets, seeds, shown);
     change_mean all = {0};
     double changes[METRICS];
     for (size_t p = 0; p < json_array_size(pipelines); ++p) {
         const char *pipeline = json_string_value(json_array_get(pipelines, p));
+        const comparison compared = {plan, json_object_get(results, "runs"), pipeline, "off", "on"};
         change_mean total = {0};
         for (size_t s = 0; in_sets && s < json_array_size(scenes); ++s)
             if (is_first_of_data_set(scenes, s))
-                put_scenes(table, results, pipeline,
+                put_scenes(table, &compared,
                            json_member_text(json_array_get(scenes, s), "data_set"), &total);
         if (!in_sets)
-            put_scenes(table, results, pipeline, NULL, &total);
+            put_scenes(table, &compared, NULL, &total);
+        all.untimed |= total.untimed;
         finish_changes(&total, changes);
         put_changes(table, pipeline, in_sets ? "scene-weighted mean" : "mean", seeds, shown,
                     changes);
@@ -325,30 +398,58 @@ static json_t *pipelines_table(const json_t *results)
     }
     finish_changes(&all, changes);
     put_changes(table, "average", "", seeds, shown, changes);
+    time_conditions_add_note(table, all.untimed);
     return table;
 }
 
 // ---- All variants of a pipeline ----
 
-// Means of variant off and of a variant over the scenes that have both. NaN without such a scene.
-static void paired_means(const json_t *plan, const json_t *runs, const char *pipeline,
-                         const char *variant, const char *metric, double *base, double *ours)
+// The changes between two variants as in the row of means of the first table. Adds the conditions
+// that prevent a change of time to *untimed.
+static void mean_changes(const comparison *compared, double changes[METRICS], unsigned *untimed)
 {
-    const json_t *scenes = json_object_get(plan, "scenes");
-    double count = 0;
-    *base = *ours = 0;
-    for (size_t s = 0; s < json_array_size(scenes); ++s) {
-        const char *scene = json_member_text(json_array_get(scenes, s), "name");
-        const double off = mean(runs, scene, pipeline, "off", metric),
-                     own = mean(runs, scene, pipeline, variant, metric);
-        if (isnan(off) || isnan(own))
-            continue;
-        *base += off;
-        *ours += own;
-        ++count;
+    const json_t *scenes = json_object_get(compared->plan, "scenes");
+    const bool in_sets = in_data_sets(compared->plan);
+    change_mean total = {0};
+    pair means;
+    for (size_t s = 0; in_sets && s < json_array_size(scenes); ++s)
+        if (is_first_of_data_set(scenes, s))
+            add_scenes(compared, json_member_text(json_array_get(scenes, s), "data_set"), &means,
+                       &total);
+    if (!in_sets)
+        add_scenes(compared, NULL, &means, &total);
+    finish_changes(&total, changes);
+    *untimed |= total.untimed;
+}
+
+// The row of a variant, if it has runs. Adds to *untimed as mean_changes does.
+static void put_variant(json_t *table, const comparison *compared, unsigned *untimed)
+{
+    const json_t *runs = compared->runs;
+    const char *pipeline = compared->pipeline, *variant = compared->ours;
+    const int shown = shown_metrics(runs);
+    double value[METRICS], spread[METRICS], change_of[METRICS];
+    int count = 0;
+    for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
+        value[k] = mean(runs, NULL, pipeline, variant, metrics[k]);
+        spread[k] = deviation(compared->plan, runs, NULL, pipeline, variant, metrics[k], &count);
     }
-    *base = count > 0 ? *base / count : NAN;
-    *ours = count > 0 ? *ours / count : NAN;
+    if (isnan(value[1]))
+        return;
+    json_t *row = json_array();
+    table_put_text(row, variant);
+    if (has_seeds(compared->plan))
+        put_seeds(row, count, count);
+    table_put_spread(row, formats[1], value[1], spread[1]);
+    table_put_spread(row, formats[0], value[0], spread[0]);
+    table_put_number(row, "%.0f", mean(runs, NULL, pipeline, variant, "iterations"));
+    for (int k = 2; k < shown; ++k)
+        table_put_spread(row, formats[k], value[k], spread[k]);
+    mean_changes(compared, change_of, untimed);
+    static const int changes[] = {1, 0, 2, 4, 5, 6}; // the last one: LPIPS
+    for (size_t k = 0; k < sizeof changes / sizeof *changes && changes[k] < shown; ++k)
+        table_put_number(row, change_formats[changes[k]], change_of[changes[k]]);
+    table_end_row(table, row);
 }
 
 static json_t *variants_table(const json_t *plan, const json_t *runs, const char *pipeline)
@@ -364,44 +465,23 @@ static json_t *variants_table(const json_t *plan, const json_t *runs, const char
         if ((shown == METRICS || !strstr(all_columns[k], "LPIPS")) &&
             (seeds || strcmp(all_columns[k], "seeds")))
             columns[count++] = all_columns[k];
-    char *title = format_text("Variants of %s", pipeline);
-    json_t *table = table_new(
-        title,
-        seeds ? "Means over scenes and seeds; changes relative to variant off, over the scenes "
-                "that have runs of both. ±: standard deviation (n - 1) over the seeds' means."
-              : "Means over scenes and seeds; changes relative to variant off, over the scenes "
-                "that have runs of both.",
-        columns);
+    char *title = format_text("Variants of %s", pipeline),
+         *note = format_text("Means over scenes and seeds. Changes relative to variant off, over "
+                             "the scenes that have runs of both: means of the changes of %s.%s",
+                             in_data_sets(plan) ? "the data sets, weighted by their number of "
+                                                  "scenes"
+                                                : "the scenes",
+                             seeds ? " ±: standard deviation (n - 1) over the seeds' means." : "");
+    json_t *table = table_new(title, note, columns);
     free(title);
+    free(note);
     const json_t *variants = json_object_get(plan, "variants");
+    unsigned untimed = 0;
     for (size_t v = 0; v < json_array_size(variants); ++v) {
         const char *variant = json_member_text(json_array_get(variants, v), "name");
-        double value[METRICS], spread[METRICS];
-        int count = 0;
-        for (int k = METRICS - 1; k >= 0; --k) { // the seeds are those of the first metric
-            value[k] = mean(runs, NULL, pipeline, variant, metrics[k]);
-            spread[k] = deviation(plan, runs, NULL, pipeline, variant, metrics[k], &count);
-        }
-        if (isnan(value[1]))
-            continue;
-        json_t *row = json_array();
-        table_put_text(row, variant);
-        if (seeds)
-            put_seeds(row, count, count);
-        table_put_spread(row, formats[1], value[1], spread[1]);
-        table_put_spread(row, formats[0], value[0], spread[0]);
-        table_put_number(row, "%.0f", mean(runs, NULL, pipeline, variant, "iterations"));
-        for (int k = 2; k < shown; ++k)
-            table_put_spread(row, formats[k], value[k], spread[k]);
-        static const int changes[] = {1, 0, 2, 4, 5, 6}; // the last one: LPIPS
-        for (size_t k = 0; k < sizeof changes / sizeof *changes && changes[k] < shown; ++k) {
-            const int m = changes[k];
-            double base, ours;
-            paired_means(plan, runs, pipeline, variant, metrics[m], &base, &ours);
-            table_put_number(row, change_formats[m], change(m, base, ours));
-        }
-        table_end_row(table, row);
+        put_variant(table, &(comparison){plan, runs, pipeline, "off", variant}, &untimed);
     }
+    time_conditions_add_note(table, untimed);
     return table;
 }
 

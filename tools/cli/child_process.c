@@ -143,6 +143,7 @@ int child_run(child_process *child)
     if (!log)
         return CHILD_UNSTARTED;
     int output, status = 0;
+    pid_t waited;
     const pid_t pid = start(child, &output);
     if (pid < 0) {
         const int reason = errno;
@@ -155,10 +156,12 @@ int child_run(child_process *child)
     fclose(log);
     if (!ended)
         kill(pid, SIGTERM);
-    while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
+    while ((waited = waitpid(pid, &status, 0)) < 0 && errno == EINTR)
         continue;
     if (!ended)
         return CHILD_INTERRUPTED;
+    if (waited < 0)
+        return CHILD_LOST;
     child->signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
     return child->signal ? 128 + child->signal : WEXITSTATUS(status);
 }

@@ -8,7 +8,13 @@
 #include <stdbool.h>
 #include <sys/types.h>
 
-enum { CHILD_MISSING = -1, CHILD_INTERRUPTED = -2, CHILD_UNSTARTED = -3, CHILD_TAIL = 3 };
+enum {
+    CHILD_MISSING = -1,
+    CHILD_INTERRUPTED = -2,
+    CHILD_UNSTARTED = -3,
+    CHILD_LOST = -4,
+    CHILD_TAIL = 3
+};
 
 typedef struct child_process {
     const char *const *arguments;                  // NULL-terminated; [0] is searched for in PATH
@@ -21,7 +27,8 @@ typedef struct child_process {
 } child_process;
 
 // Runs the program to its end. Returns the exit status (128 + signal if a signal terminated it),
-// CHILD_MISSING if the program does not exist, CHILD_INTERRUPTED, or CHILD_UNSTARTED (see errno).
+// CHILD_MISSING if the program does not exist, CHILD_INTERRUPTED, CHILD_UNSTARTED, or CHILD_LOST if
+// its status is unknown, as in a process that ignores SIGCHLD. The last two set errno.
 int child_run(child_process *child);
 
 // The last lines joined by " | ". Release with free().

@@ -5,6 +5,7 @@
 // error; 129, 130 or 143 stopped by SIGHUP, SIGINT or SIGTERM after saving.
 
 #include <fcntl.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -191,6 +192,7 @@ static void open_standard_streams(void)
 int main(int argc, char **argv)
 {
     open_standard_streams();
+    signal(SIGCHLD, SIG_DFL); // if the caller ignores it, the status of a child would be lost
     stdout_buffer();
     group_silence();
     messages_hear_library(true);

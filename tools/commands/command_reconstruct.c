@@ -304,6 +304,9 @@ static int run_colmap(const reconstruction *run, const char *const *arguments,
                           arguments[0]);
     } else if (status == CHILD_UNSTARTED) {
         result = fail_run("%s: cannot start: %s", arguments[0], strerror(reason));
+    } else if (status == CHILD_LOST) {
+        result = fail_run("%s: cannot wait for colmap %s: %s", arguments[0], arguments[1],
+                          strerror(reason));
     } else if (status) {
         char *tail = child_tail(&child);
         result =

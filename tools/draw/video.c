@@ -215,16 +215,20 @@ video *video_open(const char *path, int width, int height, double aspect, double
 static bool finish_child(video *film, bool complete)
 {
     int status = 0;
+    pid_t ended;
     if (!complete && !film->broken)
         kill(film->child, SIGKILL);
     close(film->pipe);
-    while (waitpid(film->child, &status, 0) < 0 && errno == EINTR)
+    while ((ended = waitpid(film->child, &status, 0)) < 0 && errno == EINTR)
         ;
-    const bool exited = WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    const int reason = errno;
+    const bool exited = ended > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
     if (!film->broken && (exited || !complete))
         return true;
     char line[256], last[256] = "it ended early, without an error message";
-    if (WIFSIGNALED(status))
+    if (ended < 0)
+        snprintf(last, sizeof last, "its exit status is unknown: %s", strerror(reason));
+    else if (WIFSIGNALED(status))
         snprintf(last, sizeof last, "it was killed by signal %d", WTERMSIG(status));
     rewind(film->messages);
     while (fgets(line, sizeof line, film->messages))

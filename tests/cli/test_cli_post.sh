@@ -43,6 +43,8 @@ refused 'post: compress: keep: makes all presets equal; set "preset" to one of t
 refused 'post: compress: vq-ratio: makes all presets equal' '[{"compress": {"method": "lightgaussian", "vq-ratio": 0.5, "preset": ["spare-1", "spare-2"]}}]'
 refused "post: step 'prune-refine' is for the variants 'off' and 'on', which the plan does not have" \
     '[{"prune": {"method": "refine"}}], "variants": [{"name": "a"}, {"name": "b"}]'
+refused "post: step 'prune-refine' has no run: its variants have no pipeline of the plan; set \"variants\" of the step, or remove it" \
+    '[{"prune": {"method": "refine"}, "variants": ["x"]}], "variants": [{"name": "on"}, {"name": "x", "pipelines": ["mip"]}]'
 write_plan '[{"prune": {"method": "refine"}}]'
 jq '.options.eval = false' "$plan" >"$temporary/unheld.json"
 run 1 experiment "$temporary/unheld.json" --check

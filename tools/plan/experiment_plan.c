@@ -309,6 +309,23 @@ static bool check_effects(const experiment_plan *plan, const json_t *owner, cons
     return true;
 }
 
+// Every step after the training has a run.
+static bool check_steps(const experiment_plan *plan)
+{
+    for (size_t k = 0; k < plan->post.count; ++k) {
+        bool found = false;
+        for (size_t i = 0; i < plan->count && !found; ++i)
+            found = post_applies(&plan->post.points[k], plan->runs[i].variant);
+        if (!found) {
+            fail_run("%s: post: step '%s' has no run: its variants have no pipeline of the plan; "
+                     "set \"variants\" of the step, or remove it",
+                     plan_path, plan->post.points[k].step);
+            return false;
+        }
+    }
+    return true;
+}
+
 // Warns of traces that replace each other.
 static void warn_about_traces(const experiment_plan *plan)
 {
@@ -554,7 +571,7 @@ static bool unroll(experiment_plan *plan, const char *folder)
     for (size_t s = 0; s < json_array_size(scenes) && good; ++s)
         good = check_effects(plan, json_array_get(scenes, s),
                              json_string_value(json_object_get(json_array_get(scenes, s), "name")));
-    good = good && check_scene_files(plan);
+    good = good && check_steps(plan) && check_scene_files(plan);
     if (good)
         warn_about_traces(plan);
     return good;

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 
 #include "cli/child_process.h"
+#include "cli/sub_command.h"
 #include "draw/video.h"
 #include "support/files_support.h"
 
@@ -82,6 +83,30 @@ static void a_video_with_an_unknown_status_is_a_failure(void **state)
     free(program);
 }
 
+static void a_fault_names_the_status_or_the_signal(void **state)
+{
+    (void)state;
+    static const struct {
+        int status;
+        const char *text;
+    } rows[] = {
+        {1, "failed with status 1"},
+        {127, "failed with status 127"},
+        {137, "failed with status 137"}, // its own exit status
+        {-9, "was killed by signal 9 (SIGKILL; the system may have run out of memory)"},
+        {-11, "was killed by signal 11 (SIGSEGV)"},
+        {-15, "was killed by signal 15 (SIGTERM)"},
+        {143, "was stopped by signal 15 (SIGTERM)"},
+        {130, "was stopped by signal 2 (SIGINT)"},
+        {-31, "was killed by signal 31"},
+    };
+    for (size_t k = 0; k < sizeof rows / sizeof *rows; ++k) {
+        char *text = sub_command_fault(rows[k].status);
+        assert_string_equal(text, rows[k].text);
+        free(text);
+    }
+}
+
 static int open_folder(void **state)
 {
     (void)state;
@@ -102,6 +127,7 @@ int main(void)
         cmocka_unit_test(the_status_is_that_of_the_program),
         cmocka_unit_test(an_unknown_status_is_a_failure),
         cmocka_unit_test(a_video_with_an_unknown_status_is_a_failure),
+        cmocka_unit_test(a_fault_names_the_status_or_the_signal),
     };
     return cmocka_run_group_tests(tests, open_folder, close_folder);
 }

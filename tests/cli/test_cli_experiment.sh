@@ -134,7 +134,7 @@ status=0
 SPAREGS_WAIT_SECONDS=1 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error" 9>&- || status=$?
 [ $status = 1 ] || { echo "FAIL: status $status with an unfinished run"; cat "$folder/error"; exit 1; }
 grep -q "mip/off/seed_0: a training run still uses this folder after 1 s$" "$folder/error" || { cat "$folder/error"; exit 1; }
-grep -q "1 of 5 runs failed; rerun" "$folder/error" || { cat "$folder/error"; exit 1; }
+grep -q "1 of 5 runs failed; rerun the experiment to resume or repeat them$" "$folder/error" || { cat "$folder/error"; exit 1; }
 if grep -q "another experiment, skipped\|other jobs" "$folder/error"; then echo "FAIL: blames another job"; cat "$folder/error"; exit 1; fi
 # A stop while it waits is neither.
 "$SPAREGS_PROGRAM" experiment "$folder/plan.json" -o "$folder/out" 2>"$folder/error" 9>&- &

@@ -138,7 +138,7 @@ cat >"$temporary/failing.json" <<EOF
 EOF
 ranks 1 2 experiment "$temporary/failing.json" -o "$temporary/failing" --quiet
 log=$temporary/failing/runs/room/3dgs/second/seed_0/log.txt
-reports "1 of 2 runs failed, see $log; rerun the experiment to repeat them"
+reports "1 of 2 runs failed, see $log; rerun the experiment to resume or repeat them"
 check the_log_has_the_reason grep -q "more than --max-memory" "$log"
 check only_the_failed_run_has_a_log test ! -e "$temporary/failing/runs/room/3dgs/first/seed_0/log.txt"
 

@@ -23,6 +23,7 @@
 #include "cli/sub_command.h"
 #include "plan/earlier_results.h"
 #include "plan/experiment_plan.h"
+#include "plan/run_settings.h"
 #include "run/lock_file.h"
 #include "run/rank_work.h"
 #include "run/run_record.h"
@@ -55,101 +56,32 @@ static const option experiment_options[] = {
      .help = "validate the plan, list its runs and exit"},
 };
 
-// The summary of a completed run, or NULL.
-static json_t *finished(const experiment_run *run)
+// The summary of a run that ended, or NULL.
+static json_t *load_summary(const experiment_run *run)
 {
     char *path = format_text("%s/summary.json", run->folder);
     json_t *summary = load_json(path, 0, NULL);
     free(path);
+    return summary;
+}
+
+// The summary of a completed run, or NULL.
+static json_t *finished(const experiment_run *run)
+{
+    json_t *summary = load_summary(run);
     if (run_record_is_complete(summary))
         return summary;
     json_decref(summary);
     return NULL;
 }
 
-// Options that may change between sessions, because results do not depend on them.
-static bool is_free(const char *key)
-{
-    static const char *const names[] = {"threads",    "isa",        "image_cache",
-                                        "max_memory", "time_limit", "checkpoint_every",
-                                        "save_at",    "trace"};
-    for (size_t k = 0; k < sizeof names / sizeof *names; ++k)
-        if (!strcmp(key, names[k]))
-            return true;
-    return false;
-}
-
-static char *settings_path(const experiment_run *run)
-{
-    return format_text("%s/experiment.json", run->folder);
-}
-
-static bool fail_changed(const experiment_run *run, const char *name, const json_t *old,
-                         const json_t *now)
-{
-    char *was = old ? json_dumps(old, JSON_ENCODE_ANY) : NULL;
-    char *is = now ? json_dumps(now, JSON_ENCODE_ANY) : NULL;
-    fail_run("%s: was trained with %s %s, but the plan has %s; use another -o DIR, or delete this "
-             "folder to train again",
-             run->folder, name, was ? was : "none", is ? is : "none");
-    free(was);
-    free(is);
-    return false;
-}
-
-static bool same_members(const experiment_run *run, json_t *old, json_t *now)
-{
-    json_t *all = json_object();
-    json_object_update(all, old);
-    json_object_update(all, now);
-    const char *key;
-    json_t *value;
-    bool same = true;
-    json_object_foreach(all, key, value)
-    {
-        const json_t *was = json_object_get(old, key), *is = json_object_get(now, key);
-        if (!same || is_free(key) || json_equal(was, is))
-            continue;
-        same = json_is_object(was) && json_is_object(is)
-                   ? same_members(run, json_object_get(old, key), json_object_get(now, key))
-                   : fail_changed(run, key, was, is);
-    }
-    json_decref(all);
-    return same;
-}
-
-// Checks that a run that was started belongs to this plan. (Earlier builds stored no settings.)
-static bool plan_agrees(const experiment_run *run)
-{
-    char *path = settings_path(run);
-    json_t *old = load_json(path, 0, NULL);
-    if (json_is_object(json_object_get(old, "options"))) {
-        json_object_set_new(old, "options",
-                            experiment_plan_options(json_object_get(old, "options")));
-        experiment_run_drop_idle(run, json_object_get(old, "options"));
-    }
-    const bool agrees = !old || same_members(run, old, run->settings);
-    json_decref(old);
-    free(path);
-    return agrees;
-}
-
-// The same for the runs and the results in the folder.
+// Checks that the runs that were started and the results in the folder belong to this plan.
 static bool plans_agree(const experiment_plan *plan, const char *folder)
 {
     for (size_t i = 0; i < plan->count; ++i)
-        if (!plan_agrees(&plan->runs[i]))
+        if (!run_settings_agree(&plan->runs[i]))
             return false;
     return earlier_results_admit(folder, plan);
-}
-
-// Records the settings of a run before it starts.
-static bool write_settings(const experiment_run *run)
-{
-    char *path = settings_path(run);
-    const bool written = make_folder(run->folder) && write_json(path, json_incref(run->settings));
-    free(path);
-    return written;
 }
 
 static const char *const csv_columns[] = {"iterations", "stop_reason", "gaussians", "train_seconds",
@@ -215,7 +147,7 @@ static const char *continuation_of(const experiment_run *run)
     return chosen;
 }
 
-// Trains in a new process. Returns its exit status.
+// Trains in a new process. Returns its status as sub_command_run does.
 static int run_training(const experiment_run *run)
 {
     const char **arguments = calloc((size_t)run->argument_count + 2, sizeof *arguments);
@@ -318,6 +250,9 @@ static bool write_results_locked(const experiment_plan *plan, const char *folder
         json_t *entry = json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene, "pipeline",
                                   run->pipeline, "variant", run->variant, "seed", run->seed,
                                   "folder", name, "summary", summary);
+        json_t *sessions = run_settings_sessions(run);
+        if (sessions)
+            json_object_set_new(entry, "sessions", sessions);
         if (plan->post.count)
             json_object_set(entry, "post", post);
         json_decref(post);
@@ -373,8 +308,9 @@ static int run_post(const experiment_plan *plan, const experiment_run *run, cons
         if (!status || interrupt_signal())
             continue;
         ++failed;
-        print_warning("%s: %s, %s failed with status %d; continuing", run->folder, point->step,
-                      point->point, status);
+        char *fault = sub_command_fault(status);
+        print_warning("%s: %s, %s %s; continuing", run->folder, point->step, point->point, fault);
+        free(fault);
     }
     return failed;
 }
@@ -401,14 +337,26 @@ static bool lock_run(const experiment_run *run, int *lock)
     return free_to_run;
 }
 
-// Trains, unless the run is complete. Returns its summary, or NULL after a failure or a request to
-// stop.
-static json_t *complete_run(const experiment_run *run)
+// True if a run that is not complete ended at the time limit of the plan.
+static bool reached_time_limit(const experiment_run *run)
+{
+    json_t *summary = load_summary(run);
+    const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
+    const bool reached = reason && !strcmp(reason, run_record_stop_reason(SGS_STOP_TIME_LIMIT));
+    json_decref(summary);
+    return reached;
+}
+
+// Trains, unless the run is complete. Returns its summary, or NULL after a failure, a time limit
+// (*limited) or a request to stop.
+static json_t *complete_run(const experiment_run *run, bool *limited)
 {
     json_t *summary = finished(run);
     int status = EXIT_DONE;
     if (!summary) {
-        status = write_settings(run) ? run_training(run) : EXIT_FAILED;
+        const char *continuation = continuation_of(run);
+        const bool continues = continuation && !strcmp(continuation, "--resume");
+        status = run_settings_write(run, continues) ? run_training(run) : EXIT_FAILED;
         summary = finished(run);
     }
     if (summary)
@@ -418,17 +366,19 @@ static json_t *complete_run(const experiment_run *run)
     json_decref(summary);
     if (interrupt_signal())
         return NULL;
+    *limited = !status && reached_time_limit(run);
+    char *fault = sub_command_fault(status);
     if (status)
-        print_warning("%s: training failed with status %d; continuing with the remaining runs",
-                      run->folder, status);
+        print_warning("%s: training %s; continuing with the remaining runs", run->folder, fault);
     else
-        print_warning("%s: stopped before its end; rerun the experiment to continue it",
-                      run->folder);
+        print_warning("%s: %s; rerun the experiment to continue it", run->folder,
+                      *limited ? "reached its time limit" : "stopped before its end");
+    free(fault);
     return NULL;
 }
 
 // Numbers of runs, and of steps after the training.
-enum { FAILED_RUNS, FAILED_POINTS, OTHERS_RUNS, OTHER_PLANS, COUNTS };
+enum { FAILED_RUNS, LIMITED_RUNS, FAILED_POINTS, OTHERS_RUNS, OTHER_PLANS, COUNTS };
 
 // Adds those of all ranks. False after printing the error.
 static bool add_counts(int counts[COUNTS])
@@ -546,17 +496,18 @@ static void print_run(const experiment_plan *plan, size_t i, const char *state)
 static bool do_locked_run(const experiment_plan *plan, size_t i, int counts[COUNTS], json_t *logs)
 {
     const experiment_run *run = &plan->runs[i];
-    if (!plan_agrees(run)) { // started meanwhile by an experiment with another plan
+    if (!run_settings_agree(run)) { // started meanwhile by an experiment with another plan
         ++counts[OTHER_PLANS];
         return false;
     }
     json_t *done = finished(run);
     print_run(plan, i, done ? ": already complete" : "");
     json_decref(done);
-    json_t *summary = complete_run(run);
+    bool limited = false;
+    json_t *summary = complete_run(run, &limited);
     const int failures = counts[FAILED_RUNS] + counts[FAILED_POINTS];
     if (!summary)
-        counts[FAILED_RUNS] += !interrupt_signal();
+        counts[limited ? LIMITED_RUNS : FAILED_RUNS] += !interrupt_signal();
     else
         counts[FAILED_POINTS] += run_post(plan, run, summary);
     if (counts[FAILED_RUNS] + counts[FAILED_POINTS] > failures)
@@ -594,13 +545,30 @@ static bool do_run(const experiment_plan *plan, size_t i, int counts[COUNTS], js
     return complete;
 }
 
+// The error of an experiment with runs that failed or reached their time limit.
+static int fail_unfinished(const experiment_plan *plan, const char *folder,
+                           const int counts[COUNTS], const char *log)
+{
+    const int failed = counts[FAILED_RUNS], limited = counts[LIMITED_RUNS];
+    if (!limited)
+        return fail_run("%s: %d of %zu runs failed%s; rerun the experiment to resume or repeat "
+                        "them",
+                        folder, failed, plan->count, log);
+    if (!failed)
+        return fail_run("%s: %d of %zu runs reached their time limit; rerun the experiment to "
+                        "continue them",
+                        folder, limited, plan->count);
+    return fail_run("%s: %d of %zu runs failed%s, and %d reached their time limit; rerun the "
+                    "experiment to resume or repeat them",
+                    folder, failed, plan->count, log, limited);
+}
+
 // Exit status of an experiment that no signal ended, on all ranks. log: see see_log.
 static int status_of(const experiment_plan *plan, const char *folder, const int counts[COUNTS],
                      const char *log)
 {
-    if (counts[FAILED_RUNS])
-        return fail_run("%s: %d of %zu runs failed%s; rerun the experiment to repeat them", folder,
-                        counts[FAILED_RUNS], plan->count, log);
+    if (counts[FAILED_RUNS] || counts[LIMITED_RUNS])
+        return fail_unfinished(plan, folder, counts, log);
     if (counts[OTHERS_RUNS] && group_leads())
         print_note("%s: other jobs took %d of %zu runs; the last job to finish completes the "
                    "results",
@@ -614,6 +582,27 @@ static int status_of(const experiment_plan *plan, const char *folder, const int 
                : EXIT_DONE;
 }
 
+// Warns if the remaining runs will be trained with other numbers of threads, say, than those that
+// were started before: their times cannot be compared.
+static void warn_of_conditions(const experiment_plan *plan)
+{
+    const experiment_run *changed = NULL;
+    char *change = NULL;
+    bool remain = false;
+    for (size_t i = 0; i < plan->count && !(remain && change); ++i) {
+        json_t *summary = finished(&plan->runs[i]);
+        remain = remain || !summary;
+        json_decref(summary);
+        changed = change ? changed : &plan->runs[i];
+        change = change ? change : run_settings_change(changed);
+    }
+    if (remain && change)
+        print_warning("%s: was trained with %s; 'sparegs report' omits changes of time between "
+                      "such runs",
+                      changed->folder, change);
+    free(change);
+}
+
 // Run i on rank i modulo their number; rank 0 writes the results. A signal to one rank does not
 // interrupt the runs of the others, but all then end with its status.
 static int run_all(const experiment_plan *plan, const char *folder)
@@ -622,6 +611,8 @@ static int run_all(const experiment_plan *plan, const char *folder)
     json_t *logs = json_array();
     bool written = true;
     const size_t ranks = (size_t)group_count(), rank = (size_t)sgs_ranks_rank(group_ranks());
+    if (group_leads())
+        warn_of_conditions(plan);
     for (size_t i = rank; i < plan->count && written && !interrupt_signal(); i += ranks) {
         const bool complete = do_run(plan, i, counts, logs);
         written =

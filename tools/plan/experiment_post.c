@@ -19,6 +19,7 @@
 #include "cli/sub_command.h"
 #include "plan/plan_values.h"
 #include "sparegs/compress.h"
+#include "sparegs/runtime.h"
 
 // A kind of step.
 typedef struct post_kind {
@@ -603,6 +604,11 @@ static bool record(const post_point *point, const post_run *run, json_t *made, j
                     decoded ? json_object_get(decoded, "seconds") : json_null());
     json_object_set(result, "test", json_object_get(evaluated, "mean"));
     json_object_set(result, "lpips_input", json_object_get(evaluated, "lpips_input"));
+    const int threads = run->threads ? atoi(run->threads) : 0; // 0: all cores
+    json_object_set_new(result, "threads", json_integer(threads > 0 ? threads : sgs_threads_get()));
+    json_object_set_new(result, "isa",
+                        json_string(run->isa ? run->isa : sgs_isa_name(sgs_isa_get())));
+    json_object_set_new(result, "commit", json_string(sgs_version_commit()));
     char *path = point_path(point, run, ".json");
     const bool written = write_json(path, result);
     free(path);

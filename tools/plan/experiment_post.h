@@ -33,7 +33,7 @@ typedef struct post_plan {
 bool post_plan_read(const char *plan_path, const json_t *root, post_plan *post);
 void post_plan_free(post_plan *post);
 
-// True if the point applies to runs of this variant.
+// True if the point is for runs of this variant.
 bool post_applies(const post_point *point, const char *variant);
 
 // A run that has completed its training.
@@ -44,10 +44,10 @@ typedef struct post_run {
 } post_run;
 
 // The recorded result of a point for this run, or NULL: {"step", "kind", "method", "point",
-// "settings", "model_hash", "gaussians", "bytes", "seconds", "decode_seconds", "test"}, with
-// --lpips also {"lpips_input"}.
+// "settings", "model_hash", "gaussians", "bytes", "seconds", "decode_seconds", "test", "threads",
+// "isa", "commit"}, with --lpips also {"lpips_input"}.
 json_t *post_result(const post_point *point, const post_run *run);
 
 // Prunes or compresses, evaluates, and records the result in RUN/post/STEP/POINT.json. The models
-// are removed afterwards, compressed files stay. Returns an exit status.
+// are removed afterwards, compressed files stay. Returns a status as sub_command_run does.
 int post_execute(const post_point *point, const post_run *run);

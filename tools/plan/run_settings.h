@@ -1,0 +1,27 @@
+// SPDX-FileCopyrightText: 2026 The sparegs authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+// RUN/experiment.json: the settings with which an experiment started a run, and its sessions, each
+// {"threads", "isa", "commit"}. The model does not depend on the number of threads; times do.
+
+#include <jansson.h>
+#include <stdbool.h>
+
+#include "plan/experiment_plan.h"
+
+// False after printing the error if the run was started with other settings, or with an instruction
+// set that computes other bits. True for a run that was not started.
+bool run_settings_agree(const experiment_run *run);
+
+// Records the settings before the run starts, or continues from a checkpoint. False after printing
+// the error.
+bool run_settings_write(const experiment_run *run, bool continues);
+
+// The recorded sessions if there are several different ones, else NULL. Release with json_decref().
+json_t *run_settings_sessions(const experiment_run *run);
+
+// "threads 1, the remaining runs use 2": the first member of a session that differs between the
+// training of this run and a session now. NULL if none does, or the run was not started. Release
+// with free().
+char *run_settings_change(const experiment_run *run);

@@ -125,6 +125,18 @@ wait "$first" || true # its connection ends with the program
 check the_page_saw_pictures test "$(pictures_of first)" -gt 0
 check the_result_is_json jq -e .model_hash "$temporary/stopped.out"
 
+# an_exr_file_does_not_delay_a_stop: it is given up, and the run is saved.
+start saving --iterations 100000 --max-gaussians 8000
+python3 "$client" "$url" exr >"$temporary/first" 2>&1 &
+first=$!
+wait_for requested "$temporary/first"
+sleep 0.3
+kill -TERM "$training"
+ends 143
+wait "$first"
+check the_run_is_saved test -e "$temporary/saving/checkpoint/state.bin" -a -e "$temporary/saving/summary.json"
+check the_exr_file_is_given_up test ! -e "$temporary/saving/view_0001.exr"
+
 if is_long; then # the pause from above
     training=$idle
     last_command="sparegs train, paused"

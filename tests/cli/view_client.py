@@ -73,6 +73,15 @@ class Page:
         return self.wait(kind)
 
 
+def read_to_end(page):
+    """Until the other side ends the connection."""
+    try:
+        while True:
+            page.next()
+    except (Closed, OSError):
+        pass
+
+
 def expect(name, condition, detail=""):
     print(("ok " if condition else "FAIL ") + name + (f": {detail}" if detail != "" and not condition else ""))
     if not condition:
@@ -556,11 +565,7 @@ def control(url, folder):
     ray = page.ask("ray", x=60, y=33)
     expect("a_ray_is_explained_in_a_training", ray["count"] > 0 and len(ray["hits"]) == ray["count"])
     page.socket.send({"type": "run", "action": "stop"})
-    try:
-        while True:
-            page.next()
-    except (Closed, OSError):
-        pass
+    read_to_end(page)
 
 
 def limited(url):
@@ -616,11 +621,18 @@ def run_action(url, action, leave=""):
         page.wait("progress", lambda message: message["paused"] == (action == "pause"))
         page.socket.close()
         return
-    try:
-        while True:
-            page.next()
-    except (Closed, OSError):
-        pass
+    read_to_end(page)
+
+
+def save_exr(url):
+    """Requests an EXR file of two megapixels from a training run; prints a line once it is requested."""
+    page = Page(url)
+    page.wait("hello")
+    page.wait("progress", lambda message: message["iteration"] > 5)
+    page.look(width=1600, height=1200, view=0)
+    page.socket.send({"type": "exr"})
+    print("requested", flush=True)
+    read_to_end(page)
 
 
 def status(url, *headers):
@@ -634,7 +646,8 @@ def main():
     url, command = sys.argv[1:3]
     {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm,
      "never_reads": never_reads, "stalled": stalled, "idle": idle, "frames": frames, "move": move,
-     "control": control, "limited": limited, "paused": paused, "action": run_action, "status": status}[command](url, *sys.argv[3:])
+     "control": control, "limited": limited, "paused": paused, "action": run_action, "exr": save_exr,
+     "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 
 

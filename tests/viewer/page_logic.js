@@ -350,6 +350,20 @@ function a_double_click_asks_for_no_ray_and_a_click_for_one() {
   assert.equal(rays(), 1);
 }
 
+// ---- The run ----
+
+function the_page_says_that_an_exr_file_is_being_saved() {
+  const page = viewerPage(), say = () => page.element('message').textContent;
+  page.element('exr').dispatch('click');
+  assert.equal(page.sent.at(-1).type, 'exr');
+  assert.equal(say(), 'Saving…');
+  page.run("listeners.saved.forEach((call) => call({type: 'saved', path: 'a/view_0001.exr'}))");
+  assert.equal(say(), 'Saved a/view_0001.exr');
+  page.sockets[0].readyState = 3;
+  page.element('exr').dispatch('click'); // not requested without a connection
+  assert.equal(say(), 'Saved a/view_0001.exr');
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
@@ -357,6 +371,7 @@ const checks = [
   addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
   fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields, a_form_field_or_another_window_ends_the_flight,
   only_exact_images_are_saved, a_region_is_over_or_under_its_quota, a_double_click_asks_for_no_ray_and_a_click_for_one,
+  the_page_says_that_an_exr_file_is_being_saved,
 ];
 
 let failed = 0;

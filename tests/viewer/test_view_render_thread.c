@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The last picture of a view at rest is lossless once the model stops changing, also if a memory
-// limit makes it smaller than requested.
+// limit makes it smaller than requested. Pictures and files do not delay the end of a run.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -10,9 +10,11 @@
 #include <stdint.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
+#include "support/files_support.h"
 #include "support/oracle_support.h"
 #include "cli/progress.h"
 #include "viewer/view_render_thread.h"
@@ -35,15 +37,31 @@ static json_t *greeting(void *context)
 typedef struct page {
     pthread_mutex_t lock;
     int width, height, lossless, limited; // of the last picture
+    json_t *reply;                        // the last message but for the greeting; owned
     view_client *client;
 } page;
+
+static void take_reply(page *to, const void *bytes, size_t size)
+{
+    json_t *reply = json_loadb(bytes, size, 0, NULL);
+    assert_non_null(reply);
+    pthread_mutex_lock(&to->lock);
+    if (strcmp(json_string_value(json_object_get(reply, "type")), "hello") != 0) {
+        json_decref(to->reply);
+        to->reply = json_incref(reply);
+    }
+    pthread_mutex_unlock(&to->lock);
+    json_decref(reply);
+}
 
 static bool take(void *connection, bool binary, const void *bytes, size_t size)
 {
     page *to = connection;
     const unsigned char *at = bytes;
-    if (!binary)
+    if (!binary) {
+        take_reply(to, bytes, size);
         return true;
+    }
     const size_t length = at[0] | (size_t)at[1] << 8;
     assert_true(length + 4 <= size);
     json_t *head = json_loadb((const char *)at + 4, length, 0, NULL);
@@ -60,6 +78,11 @@ static bool take(void *connection, bool binary, const void *bytes, size_t size)
     return view_hub_receive(to->client, text, strlen(text));
 }
 
+static void pause_ms(int ms)
+{
+    nanosleep(&(struct timespec){.tv_nsec = ms * 1000000L}, NULL);
+}
+
 // Waits for a picture of this width, with or without loss.
 static void expect(page *from, int width, bool lossless, bool limited)
 {
@@ -72,46 +95,114 @@ static void expect(page *from, int width, bool lossless, bool limited)
             assert_int_equal(found_limited, limited);
             return;
         }
-        nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+        pause_ms(10);
     }
     fail_msg("no picture of width %d that is %s; last: %d", width, lossless ? "lossless" : "lossy",
              from->width);
 }
 
+// Waits for a message of this type; release it with json_decref.
+static json_t *expect_reply(page *from, const char *type)
+{
+    for (int k = 0; k < 1000; ++k) {
+        pthread_mutex_lock(&from->lock);
+        json_t *reply = from->reply;
+        from->reply = NULL;
+        pthread_mutex_unlock(&from->lock);
+        if (reply && !strcmp(json_string_value(json_object_get(reply, "type")), type))
+            return reply;
+        json_decref(reply);
+        pause_ms(10);
+    }
+    fail_msg("no message '%s'", type);
+    return NULL;
+}
+
+static void say(page *from, const char *text)
+{
+    assert_true(view_hub_receive(from->client, text, strlen(text)));
+}
+
+// ---- A viewer with one page ----
+
+typedef struct stage {
+    oracle_scene scene;
+    temp_folder folder;
+    view_source source;
+    view_hub hub;
+    view_render_thread render;
+    page shown;
+} stage;
+
+// The render thread does not run yet.
+static void stage_open(stage *s, double share, size_t picture_bytes)
+{
+    *s = (stage){.scene = oracle_random_model(5, 40, NULL), .folder = temp_folder_make()};
+    s->source = (view_source){.name = "model",
+                              .drawing = {.compact_box = 1, .white_point = 1},
+                              .picture_bytes = picture_bytes};
+    sgs_gaussians *model;
+    assert_int_equal(sgs_gaussians_create(s->scene.count, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_copy(model, s->scene.model), SGS_STATUS_OK);
+    assert_true(view_source_open(&s->source, model, NULL, 10));
+    s->source.folder = strdup(s->folder.path);
+    view_hub_open(&s->hub, &views);
+    s->hub.greet = greeting;
+    s->render = (view_render_thread){.hub = &s->hub, .source = &s->source, .is_live = true};
+    atomic_store(&s->render.share, share);
+    pthread_mutex_init(&s->shown.lock, NULL);
+    s->shown.client = view_hub_join(&s->hub, take, &s->shown);
+    assert_non_null(s->shown.client);
+}
+
+static void stage_start(stage *s)
+{
+    assert_true(view_render_thread_start(&s->render));
+}
+
+// Ends what is being drawn.
+static void stage_stop(stage *s)
+{
+    view_hub_stop(&s->hub);
+    view_render_thread_join(&s->render);
+}
+
+static void stage_close(stage *s)
+{
+    if (s->shown.client)
+        view_hub_leave(s->shown.client);
+    view_hub_close(&s->hub);
+    view_source_close(&s->source);
+    oracle_scene_free(&s->scene);
+    temp_folder_remove(&s->folder);
+    json_decref(s->shown.reply);
+}
+
+// Until the thread has begun to draw or to answer.
+static void await_work(stage *s)
+{
+    while (!pthread_mutex_trylock(&s->source.lock)) {
+        pthread_mutex_unlock(&s->source.lock);
+        nanosleep(&(struct timespec){.tv_nsec = 100000}, NULL);
+    }
+}
+
+#define CAMERA "{\"type\":\"camera\",\"serial\":1,\"view\":0,"
+
 // A training run with a viewer, whose model then stays as it is: a pause, or the end.
 static void look(size_t picture_bytes, int width, bool limited)
 {
-    static const char camera[] = "{\"type\":\"camera\",\"serial\":1,\"width\":160,\"height\":120,"
-                                 "\"view\":0}";
-    oracle_scene scene = oracle_random_model(5, 40, NULL);
-    view_source source = {.name = "model",
-                          .drawing = {.compact_box = 1, .white_point = 1},
-                          .picture_bytes = picture_bytes};
-    sgs_gaussians *model;
-    assert_int_equal(sgs_gaussians_create(scene.count, &model), SGS_STATUS_OK);
-    assert_int_equal(sgs_gaussians_copy(model, scene.model), SGS_STATUS_OK);
-    assert_true(view_source_open(&source, model, NULL, 0));
-    view_hub hub;
-    view_hub_open(&hub, &views);
-    hub.greet = greeting;
-    view_render_thread render = {.hub = &hub, .source = &source, .is_live = true};
-    atomic_store(&render.share, 0.9);
-    page shown = {.lock = PTHREAD_MUTEX_INITIALIZER};
-    shown.client = view_hub_join(&hub, take, &shown);
-    assert_non_null(shown.client);
-    assert_true(view_hub_receive(shown.client, camera, sizeof camera - 1));
-    assert_true(view_render_thread_start(&render));
-    expect(&shown, width, false, limited);
-    nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL); // nothing is left to draw
-    atomic_store(&render.share, 1);
-    view_hub_wake(&hub);
-    expect(&shown, width, true, limited);
-    view_hub_stop(&hub);
-    view_render_thread_join(&render);
-    view_hub_leave(shown.client);
-    view_hub_close(&hub);
-    view_source_close(&source);
-    oracle_scene_free(&scene);
+    stage s;
+    stage_open(&s, 0.9, picture_bytes);
+    say(&s.shown, CAMERA "\"width\":160,\"height\":120}");
+    stage_start(&s);
+    expect(&s.shown, width, false, limited);
+    pause_ms(300); // nothing is left to draw
+    atomic_store(&s.render.share, 1);
+    view_hub_wake(&s.hub);
+    expect(&s.shown, width, true, limited);
+    stage_stop(&s);
+    stage_close(&s);
 }
 
 static void the_picture_of_a_pause_is_lossless(void **state)
@@ -127,11 +218,83 @@ static void so_is_the_largest_one_that_the_memory_permits(void **state)
     look((size_t)WIDTH / 2 * (HEIGHT / 2) * PICTURE_PIXEL_BYTES, WIDTH / 2, true);
 }
 
+// ---- The end of a run ----
+
+enum { END_STOP, END_LAST, END_LEAVE, ENDS };
+
+// The program ends, the last model of the training follows, or the page leaves, while a file of
+// more than a million pixels is rendered: it is given up at once.
+static void a_file_does_not_delay_the_end_of_a_run(void **state)
+{
+    (void)state;
+    for (int end = END_STOP; end < ENDS; ++end) {
+        stage s;
+        stage_open(&s, 1, 0);
+        say(&s.shown, CAMERA "\"width\":1600,\"height\":1200}");
+        say(&s.shown, "{\"type\":\"exr\"}");
+        stage_start(&s);
+        await_work(&s);
+        if (end == END_LAST) {
+            view_source_expect_last(&s.source);
+            json_t *reply = expect_reply(&s.shown, "error");
+            assert_non_null(strstr(json_string_value(json_object_get(reply, "text")),
+                                   "was not written because training has ended"));
+            json_decref(reply);
+            assert_true(view_source_replace(&s.source, s.scene.model, NULL, 11));
+        } else if (end == END_LEAVE) {
+            view_hub_leave(s.shown.client);
+            s.shown.client = NULL;
+            pthread_mutex_lock(&s.source.lock); // the thread has finished
+            pthread_mutex_unlock(&s.source.lock);
+        }
+        stage_stop(&s);
+        assert_true(access(temp_path(&s.folder, "view_0001.exr"), F_OK));
+        stage_close(&s);
+    }
+}
+
+// While the results are saved, nothing is drawn.
+static void nothing_is_drawn_before_the_last_model(void **state)
+{
+    (void)state;
+    stage s;
+    stage_open(&s, 1, 0);
+    view_source_expect_last(&s.source);
+    say(&s.shown, CAMERA "\"width\":160,\"height\":120}");
+    say(&s.shown, "{\"type\":\"exr\"}");
+    stage_start(&s);
+    pause_ms(300);
+    assert_int_equal(s.shown.client->job_count, 1);
+    assert_int_equal(s.shown.client->frame, 0);
+    assert_true(view_source_replace(&s.source, s.scene.model, NULL, 11));
+    view_hub_wake(&s.hub);
+    json_decref(expect_reply(&s.shown, "saved"));
+    expect(&s.shown, WIDTH, true, false);
+    stage_stop(&s);
+    stage_close(&s);
+}
+
+static void a_moving_picture_does_not_delay_the_end(void **state)
+{
+    (void)state;
+    stage s;
+    stage_open(&s, 1, 0);
+    say(&s.shown, CAMERA "\"width\":4000,\"height\":3000,\"moving\":true}");
+    stage_start(&s);
+    await_work(&s);
+    stage_stop(&s);
+    assert_int_equal(s.shown.client->frame, 0);
+    stage_close(&s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_picture_of_a_pause_is_lossless),
         cmocka_unit_test(so_is_the_largest_one_that_the_memory_permits),
+        cmocka_unit_test(a_file_does_not_delay_the_end_of_a_run),
+        cmocka_unit_test(nothing_is_drawn_before_the_last_model),
+        cmocka_unit_test(a_moving_picture_does_not_delay_the_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -98,24 +98,24 @@ static void saved_files_replace_no_other(void **state)
     char *path;
     fill_numbers(&folder, "crop", "ply");
     fill_numbers(&folder, "view", "exr");
-    assert_null(crop_save(&crop, &source));
-    assert_false(view_painter_exr(&painter, &request, &path));
+    assert_null(crop_save(&crop, &source, NULL, NULL));
+    assert_false(view_painter_exr(&painter, &request, NULL, NULL, &path));
     assert_null(path);
     check_old(&folder, "crop_9999.ply");
     check_old(&folder, "view_9999.exr");
     assert_int_equal(unlink(temp_path(&folder, "crop_9999.ply")), 0);
     assert_int_equal(unlink(temp_path(&folder, "view_0002.exr")), 0);
-    json_t *reply = crop_save(&crop, &source);
+    json_t *reply = crop_save(&crop, &source, NULL, NULL);
     const char *saved = json_string_value(json_object_get(reply, "path"));
     assert_true(saved && strstr(saved, "/crop_9999.ply"));
-    if (!view_painter_exr(&painter, &request, &path))
+    if (!view_painter_exr(&painter, &request, NULL, NULL, &path))
         fail_msg("%s", sgs_last_error());
     assert_non_null(strstr(path, "/view_0002.exr"));
     json_decref(reply);
     free(path);
     const view_crop none = {.has_sphere = true, .region = -1, .slack = -INFINITY};
     assert_int_equal(unlink(temp_path(&folder, "crop_9999.ply")), 0);
-    assert_null(crop_save(&none, &source)); // as convert, which writes no empty file
+    assert_null(crop_save(&none, &source, NULL, NULL)); // as convert, which writes no empty file
     assert_true(access(temp_path(&folder, "crop_9999.ply"), F_OK));
     assert_non_null(strstr(last_error_text(), "keeps no primitive"));
     view_painter_free(&painter);

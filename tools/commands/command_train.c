@@ -476,11 +476,18 @@ static bool iterate(training *run, trace_file *trace)
         done = done && iterate_once(run, trace);
     }
     progress_end();
-    if (done && run->values.view)
-        collect_for_view(run);
     if (done)
         training_view_finish(run->view, run->trainer);
     return done;
+}
+
+// Shows the model that was saved, if the command continues with the evaluation. Collective.
+static void show_last(training *run)
+{
+    if (!run->values.view || training_stopped_early(run))
+        return;
+    collect_for_view(run);
+    training_view_show_last(run->view, run->trainer);
 }
 
 // ---- After the last iteration ----
@@ -627,6 +634,8 @@ static bool iterate_and_save(training *run)
     const bool iterated =
         group_all(opened && (!group_leads() || !viewed || open_view(run))) && iterate(run, trace);
     const bool done = group_all(iterated) && group_all(training_save(run));
+    if (done)
+        show_last(run);
     run->trace_lost = !trace_close(trace, iterated);
     if (group_leads())
         run_folder_close_tables(&run->folder);

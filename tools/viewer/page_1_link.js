@@ -63,8 +63,11 @@ function retryDelay(count) {
   return Math.min(10000, 1000 * 2 ** count);
 }
 
+// False without a connection.
 function send(message) {
-  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  if (!socket || socket.readyState !== WebSocket.OPEN) return false;
+  socket.send(JSON.stringify(message));
+  return true;
 }
 
 function connect() {

@@ -89,7 +89,7 @@ for (const id of ['log', 'samples', 'size']) byId(id).onchange = () => requestPi
 for (const id of ['rangeLow', 'rangeHigh']) byId(id).onchange = showRange;
 byId('aov').onchange = showQuantity;
 byId('screenshot').onclick = askScreenshot;
-byId('exr').onclick = () => send({type: 'exr'});
+byId('exr').onclick = () => { if (send({type: 'exr'})) showMessage('Saving…'); };
 byId('fov').oninput = () => {
   camera.fov = Number(byId('fov').value);
   camera.lens = -1;

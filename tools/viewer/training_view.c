@@ -78,21 +78,17 @@ bool pause_watch_expires(pause_watch *watch, int pages, double now)
     return watch->is_alone && now - watch->since >= PAUSE_SECONDS_ALONE;
 }
 
-// A paused run leaves the cores to the viewer.
+// A paused run leaves the cores to the viewer. Call with the lock held.
 static void set_paused(training_view *view, bool paused, const char *note)
 {
-    pthread_mutex_lock(&view->lock);
     atomic_store(&view->session.render.share, paused ? 1 : view->share);
-    const bool changes = atomic_exchange(&view->paused, paused) != paused;
-    pthread_mutex_unlock(&view->lock);
-    if (changes)
+    if (atomic_exchange(&view->paused, paused) != paused)
         print_note("%s", note);
 }
 
-// Called by a thread of the server.
-static void act(void *context, run_action action)
+// With the lock held.
+static void control(training_view *view, run_action action)
 {
-    training_view *view = context;
     switch (action) {
     case RUN_PAUSE:
         set_paused(view, true, "paused from the viewer; press Ctrl-C to save and quit");
@@ -109,7 +105,14 @@ static void act(void *context, run_action action)
         interrupt_request();
         break;
     }
+}
+
+// Called by a thread of the server.
+static void act(void *context, run_action action)
+{
+    training_view *view = context;
     pthread_mutex_lock(&view->lock);
+    control(view, action);
     pthread_cond_broadcast(&view->changed);
     pthread_mutex_unlock(&view->lock);
     report(view);
@@ -251,14 +254,15 @@ static void offer_last(training_view *view, const sgs_trainer *trainer)
 }
 
 // The same after the training, whose model is about to be freed.
-static void show_last(training_view *view, const sgs_trainer *trainer)
+static void replace_last(training_view *view, const sgs_trainer *trainer)
 {
     view_source *source = &view->session.source;
     const int iteration = sgs_trainer_iteration(trainer);
     if (!is_whole(trainer) || atomic_load(&source->iteration) == iteration)
-        return;
-    if (!view_source_replace(source, sgs_trainer_model(trainer), sgs_trainer_filter_3d(trainer),
-                             iteration))
+        atomic_store(&source->replacing, false);
+    else if (!view_source_replace(source, sgs_trainer_model(trainer),
+                                  sgs_trainer_filter_3d(trainer), iteration) &&
+             !interrupt_signal())
         print_warning("not enough memory to show the last model; the viewer shows that of "
                       "iteration %d",
                       atomic_load(&source->iteration));
@@ -271,7 +275,9 @@ static void show_pause(training_view *view)
                                      info->psnr_average, info->gaussians});
     if (!pause_watch_expires(&view->watch, view_hub_count(&view->session.hub), clock_seconds()))
         return;
+    pthread_mutex_lock(&view->lock);
     set_paused(view, false, "resumed: no page has been open for a minute");
+    pthread_mutex_unlock(&view->lock);
     report(view);
 }
 
@@ -300,14 +306,20 @@ void training_view_finish(training_view *view, const sgs_trainer *trainer)
         return;
     pthread_mutex_lock(&view->lock);
     view->finished = true;
-    view->share = 1;
-    atomic_store(&view->session.render.share, 1);
     view->seconds = sgs_trainer_seconds(trainer);
     pthread_mutex_unlock(&view->lock);
-    view_hub_wake(&view->session.hub); // ends the sleep for the share
-    show_last(view, trainer);
-    view_hub_wake(&view->session.hub);
+    view_source_expect_last(&view->session.source);
+    view_hub_wake(&view->session.hub); // ends the sleep of a picture for the share
     report(view);
+}
+
+void training_view_show_last(training_view *view, const sgs_trainer *trainer)
+{
+    if (!view)
+        return;
+    replace_last(view, trainer);
+    atomic_store(&view->session.render.share, 1);
+    view_hub_wake(&view->session.hub);
 }
 
 void training_view_close(training_view *view)

@@ -36,9 +36,12 @@ void training_view_step(training_view *view, const sgs_step_info *info, const sg
 // been collected, since the others wait then. A pause ends PAUSE_SECONDS_ALONE after the last page
 // has gone, so that a batch job does not idle until its time limit.
 bool training_view_holds(training_view *view, const sgs_trainer *trainer);
-// The training has ended: pages show its last model, without a limit on the time, and can be used
-// until training_view_close.
+// The training has ended: pages cannot control it any more, and nothing is drawn until
+// training_view_show_last or training_view_close, so that the results are saved first.
 void training_view_finish(training_view *view, const sgs_trainer *trainer);
+// Pages show the last model, without a limit on the time, and can be used until
+// training_view_close. Waits for a file that a page has requested, unless a signal arrives.
+void training_view_show_last(training_view *view, const sgs_trainer *trainer);
 void training_view_close(training_view *view);
 
 // The time without pages of a pause; zero-initialise.

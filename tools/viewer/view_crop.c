@@ -90,7 +90,23 @@ void crop_preview_free(crop_preview *preview)
     *preview = (crop_preview){0};
 }
 
-json_t *crop_save(const view_crop *crop, view_source *source)
+// Writes the primitives that are kept. NULL after printing the error.
+static json_t *write_kept(const char *path, const sgs_gaussians *kept, const view_source *source)
+{
+    const sgs_model_write_options options = model_write_options(&source->drawing);
+    sgs_model_written written;
+    if (!kept->count)
+        fail_run("the crop keeps no primitive; nothing was written");
+    else if (sgs_model_write(path, kept, &options, &written))
+        fail_library();
+    else
+        return json_pack("{s:s,s:o,s:I,s:I}", "type", "crop", "path", json_text(path), "kept",
+                         (json_int_t)kept->count, "removed",
+                         (json_int_t)(source->model->count - kept->count));
+    return NULL;
+}
+
+json_t *crop_save(const view_crop *crop, view_source *source, sgs_progress_fn progress, void *user)
 {
     const sgs_gaussians *model = source->model;
     unsigned char *keep = crop_keep(crop, source);
@@ -100,17 +116,9 @@ json_t *crop_save(const view_crop *crop, view_source *source)
     char *path = format_text("%s/crop_%04d.ply", source->folder, n);
     if (n && keep && !sgs_gaussians_create(model->count, &kept) &&
         !sgs_gaussians_copy(kept, model)) {
-        const sgs_model_write_options options = model_write_options(&source->drawing);
-        sgs_model_written written;
         sgs_selection_apply(kept, keep);
-        if (!kept->count)
-            fail_run("the crop keeps no primitive; nothing was written");
-        else if (sgs_model_write(path, kept, &options, &written))
-            fail_library();
-        else
-            reply = json_pack("{s:s,s:o,s:I,s:I}", "type", "crop", "path", json_text(path), "kept",
-                              (json_int_t)kept->count, "removed",
-                              (json_int_t)(model->count - kept->count));
+        if (!progress || progress(user, 0, 1))
+            reply = write_kept(path, kept, source);
     }
     free(path);
     free(keep);

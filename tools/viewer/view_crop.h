@@ -26,5 +26,6 @@ bool crop_preview_prepare(crop_preview *preview, const view_crop *crop, view_sou
 void crop_preview_free(crop_preview *preview);
 
 // Writes the kept primitives as FOLDER/crop_N.ply for the first free N: {"type": "crop", "path",
-// "kept", "removed"}. NULL after printing the error.
-json_t *crop_save(const view_crop *crop, view_source *source);
+// "kept", "removed"}. NULL after printing the error, or if `progress` cancels before the file is
+// opened; it may be NULL.
+json_t *crop_save(const view_crop *crop, view_source *source, sgs_progress_fn progress, void *user);

@@ -192,11 +192,11 @@ int view_hub_count(view_hub *hub)
 // ---- Incoming ----
 
 // A job refers to the camera at this time: the page may move on before it is done. A newer pixel,
-// ray or history replaces an older one that waits.
+// ray, EXR file or history replaces an older one that waits.
 static void add_job(view_client *client, const view_message *message)
 {
     const bool replaces = message->type == MESSAGE_PROBE || message->type == MESSAGE_RAY ||
-                          message->type == MESSAGE_HISTORY;
+                          message->type == MESSAGE_EXR || message->type == MESSAGE_HISTORY;
     int at = 0;
     while (at < client->job_count && !(replaces && client->jobs[at].type == message->type))
         ++at;

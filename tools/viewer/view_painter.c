@@ -250,17 +250,20 @@ bool view_painter_allows(const view_source *source, const sgs_camera *camera, si
     return !source->picture_bytes || pixels * pixel_bytes <= source->picture_bytes;
 }
 
-bool view_painter_exr(view_painter *painter, const view_request *request, char **path)
+bool view_painter_exr(view_painter *painter, const view_request *request, sgs_progress_fn progress,
+                      void *user, char **path)
 {
     view_source *source = painter->source;
     const bool has_regions = view_source_regions(source)->iteration != 0;
-    const sgs_render_options options = drawing_render_options(&source->drawing);
+    sgs_render_options options = drawing_render_options(&source->drawing);
     sgs_frame frame = {0};
     char stem[40];
     const int n = free_number(source->folder, "view", "exr");
     *path = NULL;
     if (!n)
         return false;
+    options.progress = progress;
+    options.progress_user = user;
     sgs_frame_free(&painter->frame); // the memory is for one of the frames
     sgs_frame_free(&painter->sampled);
     snprintf(stem, sizeof stem, "view_%04d", n);
@@ -280,7 +283,7 @@ bool view_painter_exr(view_painter *painter, const view_request *request, char *
         !sgs_frame_create_with(request->camera.width, request->camera.height, SGS_AOVS_ALL,
                                &frame) &&
         !sgs_renderer_render(renderer, &request->camera, &request->pose, &options, &frame) &&
-        frame_write_exr(&files, &frame);
+        (!progress || progress(user, 1, 1)) && frame_write_exr(&files, &frame);
     sgs_frame_free(&frame);
     return done;
 }

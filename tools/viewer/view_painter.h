@@ -40,8 +40,10 @@ json_t *view_painter_probe(view_painter *painter, const view_request *request, i
 // True if the memory for such a picture, or EXR file, is within that of the source.
 bool view_painter_allows(const view_source *source, const sgs_camera *camera, size_t pixel_bytes);
 
-// Writes all quantities of the request as FOLDER/view_N.exr for the first free N; *path receives
-// the path, release it with free(). *path is NULL after printing the error that no N is free.
-bool view_painter_exr(view_painter *painter, const view_request *request, char **path);
+// Writes all AOVs of the request as FOLDER/view_N.exr for the first free N; *path receives the
+// path, release it with free(). *path is NULL after printing the error that no N is free.
+// `progress` may cancel until the file is opened; then no file is left.
+bool view_painter_exr(view_painter *painter, const view_request *request, sgs_progress_fn progress,
+                      void *user, char **path);
 
 void view_painter_free(view_painter *painter);

@@ -44,11 +44,19 @@ static struct timespec deadline(double seconds)
     return (struct timespec){(time_t)seconds, (long)((seconds - floor(seconds)) * 1e9)};
 }
 
+// True if the page of the task has left, or the viewer or the training ends. With the hub's lock
+// held.
+static bool is_unwanted(const view_render_thread *render, const render_task *task)
+{
+    const view_client *client = task->client;
+    return render->hub->stopping || atomic_load(&render->source->replacing) || !client->used ||
+           client->leaving || client->generation != task->generation;
+}
+
 // True if the picture of the task is not required any more. With the hub's lock held.
 static bool is_obsolete(const view_render_thread *render, const render_task *task)
 {
-    return render->hub->stopping || atomic_load(&render->source->replacing) ||
-           task->client->changes != task->changes || task->client->generation != task->generation;
+    return is_unwanted(render, task) || task->client->changes != task->changes;
 }
 
 // Sleeps for what the work since the last call, photos and earlier work owe. Returns early, and
@@ -197,18 +205,31 @@ static bool next_task(view_render_thread *render, render_task *task)
     return found;
 }
 
-// ---- Pictures ----
+// ---- Whether to continue ----
 
-typedef struct band_context {
+typedef struct work_context {
     view_render_thread *render;
     const render_task *task;
     bool abandoned;
-} band_context;
+} work_context;
 
-// Between bands: false if the picture is not required any more.
+// Of moving pictures and files: false if they are unwanted.
+static bool continue_work(void *user, size_t done, size_t total)
+{
+    work_context *context = user;
+    view_hub *hub = context->render->hub;
+    (void)done;
+    (void)total;
+    pthread_mutex_lock(&hub->lock);
+    context->abandoned = is_unwanted(context->render, context->task);
+    pthread_mutex_unlock(&hub->lock);
+    return !context->abandoned;
+}
+
+// Between bands of a picture at rest: false if it is not required any more.
 static bool continue_picture(void *user, size_t done, size_t total)
 {
-    band_context *context = user;
+    work_context *context = user;
     view_hub *hub = context->render->hub;
     if (done < total)
         keep_share(context->render, context->task);
@@ -217,6 +238,8 @@ static bool continue_picture(void *user, size_t done, size_t total)
     pthread_mutex_unlock(&hub->lock);
     return !context->abandoned;
 }
+
+// ---- Pictures ----
 
 static int scaled(int size, double scale)
 {
@@ -335,14 +358,14 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
                lossless = full && !(render->is_live && atomic_load(&render->share) < 1);
     const int width = scaled(request->camera.width, fmin(task->scale, 1)),
               height = scaled(request->camera.height, fmin(task->scale, 1));
-    band_context context = {render, task, false};
+    work_context context = {render, task, false};
     painted_picture picture;
     encoded_picture encoded = {0};
     const double start = clock_seconds();
     pthread_mutex_lock(&source->lock);
     bool done =
         view_painter_draw(&render->painter, request, width, height, full ? request->samples : 1,
-                          request->moving ? NULL : continue_picture, &context, &picture);
+                          request->moving ? continue_work : continue_picture, &context, &picture);
     json_t *head = NULL;
     if (done) {
         done = lossless ? encode_png(&picture.image, &encoded)
@@ -396,6 +419,7 @@ static json_t *region_records(view_source *source, uint32_t voxel)
 static json_t *save_exr(view_render_thread *render, const render_task *task)
 {
     char *path, text[200];
+    work_context context = {render, task, false};
     if (!view_painter_allows(render->source, &task->request.camera, EXR_PIXEL_BYTES)) {
         snprintf(text, sizeof text,
                  "an EXR file of more than %zu pixels exceeds the memory that --max-memory leaves "
@@ -403,22 +427,26 @@ static json_t *save_exr(view_render_thread *render, const render_task *task)
                  render->source->picture_bytes / EXR_PIXEL_BYTES);
         return json_pack("{s:s,s:s}", "type", "error", "text", text);
     }
-    const bool done = view_painter_exr(&render->painter, &task->request, &path);
-    const char *error =
-        path ? sgs_last_error()
-             : "all file names view_NNNN.exr are in use; move some of the files away";
+    const bool done =
+        view_painter_exr(&render->painter, &task->request, continue_work, &context, &path);
+    const char *error = context.abandoned
+                            ? "the EXR file was not written because training has ended; save again"
+                        : path ? sgs_last_error()
+                               : "all file names view_NNNN.exr are in use; move some of the files "
+                                 "away";
     json_t *reply = done ? json_pack("{s:s,s:o}", "type", "saved", "path", json_text(path))
                          : json_pack("{s:s,s:s}", "type", "error", "text", error);
     free(path);
     return reply;
 }
 
-static json_t *crop_reply(const view_render_thread *render, const render_task *task)
+static json_t *crop_reply(view_render_thread *render, const render_task *task)
 {
+    work_context context = {render, task, false};
     if (render->is_live)
         return json_pack("{s:s,s:s}", "type", "error", "text",
                          "cannot crop while training is running");
-    json_t *reply = crop_save(&task->request.crop, render->source);
+    json_t *reply = crop_save(&task->request.crop, render->source, continue_work, &context);
     if (reply)
         return reply;
     const char *error = last_error_text();

@@ -5,7 +5,9 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
+#include "cli/interrupt.h"
 #include "cli/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
@@ -110,11 +112,20 @@ bool view_source_offer(view_source *source, const sgs_gaussians *model, const fl
     return done;
 }
 
+void view_source_expect_last(view_source *source)
+{
+    atomic_store(&source->replacing, true);
+}
+
 bool view_source_replace(view_source *source, const sgs_gaussians *model, const float *filter_3d,
                          int iteration)
 {
-    atomic_store(&source->replacing, true);
-    pthread_mutex_lock(&source->lock);
+    view_source_expect_last(source);
+    while (pthread_mutex_trylock(&source->lock)) { // a file that is being written
+        if (interrupt_signal())
+            return false;
+        nanosleep(&(struct timespec){.tv_nsec = 5000000}, NULL);
+    }
     const bool done = copy_model(source, model, filter_3d, iteration);
     atomic_store(&source->replacing, false);
     pthread_mutex_unlock(&source->lock);

@@ -29,7 +29,7 @@ typedef struct view_source {
     drawing_values drawing;       // how it is rendered
     atomic_bool wanted;           // a new copy is of use
     _Atomic double photo_seconds; // spent on photos, not yet charged to the drawing thread
-    atomic_bool replacing;        // view_source_replace waits for `lock`; nobody else takes it
+    atomic_bool replacing;        // the last model follows; nobody else takes `lock`
 
     // Constant while the viewer serves.
     const char *name;       // of the model
@@ -64,8 +64,11 @@ void view_source_close(view_source *source);
 // filter_3d: see sgs_trainer_filter_3d. True if the model was copied.
 bool view_source_offer(view_source *source, const sgs_gaussians *model, const float *filter_3d,
                        int iteration);
-// The same for the last model: waits until the drawing thread, which abandons its picture, has
-// released the lock. False if no memory is left.
+// The last model will follow: the drawing thread abandons its work and starts no other before
+// view_source_replace.
+void view_source_expect_last(view_source *source);
+// The same as view_source_offer for the last model: waits until the drawing thread has released the
+// lock. False if no memory is left, or if a signal has requested a stop meanwhile.
 bool view_source_replace(view_source *source, const sgs_gaussians *model, const float *filter_3d,
                          int iteration);
 // Adds a structural update to the history.

@@ -287,6 +287,49 @@ static void a_moving_picture_does_not_delay_the_end(void **state)
     stage_close(&s);
 }
 
+// ---- Regions ----
+
+// The model of iteration 10 is older than the last update, whose grid numbers regions differently.
+static void a_region_is_numbered_by_the_grid_of_the_shown_model(void **state)
+{
+    (void)state;
+    const sgs_region early[] = {{.voxel = 7, .count = 3}}, // centre (5, 5, 5)
+        late[] = {{.voxel = 7, .count = 1}, {.voxel = 63, .count = 2}};
+    const sgs_regions updates[] = {{.iteration = 5,
+                                    .grid = 2,
+                                    .low = {-10, -10, -10},
+                                    .voxel_size = {10, 10, 10},
+                                    .count = 1,
+                                    .regions = early},
+                                   {.iteration = 20,
+                                    .grid = 4,
+                                    .low = {-10, -10, -10},
+                                    .voxel_size = {5, 5, 5},
+                                    .count = 2,
+                                    .regions = late}};
+    stage s;
+    stage_open(&s, 1, 0);
+    s.source.is_run = true;
+    for (int u = 0; u < 2; ++u)
+        view_source_add_regions(&s.source, &updates[u]);
+    say(&s.shown, "{\"type\":\"region\",\"number\":7}");
+    stage_start(&s);
+    json_t *reply = expect_reply(&s.shown, "region"), *found[2];
+    int voxels[2], iterations[2];
+    assert_int_equal(json_unpack(reply, "{s:[o,o!]}", "updates", &found[0], &found[1]), 0);
+    for (int u = 0; u < 2; ++u)
+        assert_int_equal(
+            json_unpack(found[u], "{s:i,s:i}", "voxel", &voxels[u], "iteration", &iterations[u]),
+            0);
+    assert_int_equal(iterations[0], 5);
+    assert_int_equal(voxels[0], 7);
+    assert_int_equal(iterations[1], 20);
+    assert_int_equal(voxels[1], 63);
+    json_decref(reply);
+    stage_stop(&s);
+    stage_close(&s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -295,6 +338,7 @@ int main(void)
         cmocka_unit_test(a_file_does_not_delay_the_end_of_a_run),
         cmocka_unit_test(nothing_is_drawn_before_the_last_model),
         cmocka_unit_test(a_moving_picture_does_not_delay_the_end),
+        cmocka_unit_test(a_region_is_numbered_by_the_grid_of_the_shown_model),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -393,17 +393,22 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
 
 // ---- Other messages ----
 
-// The records of a region of the last update: what `explain` reports for its centre. The grid may
-// differ between updates.
+// The records of a region of the shown model: what `explain` reports for its centre. The grid may
+// differ between updates. Call with the source's lock held.
 static json_t *region_records(view_source *source, uint32_t voxel)
 {
     json_t *list = json_array();
     double center[3];
+    const int iteration = view_source_regions(source)->iteration; // of the grid that numbers them
+    const sgs_regions *grid = NULL;
     pthread_mutex_lock(&source->history_lock);
     const region_history *history = &source->history;
-    if (history->count)
-        region_center(&history->updates[history->count - 1], voxel, center);
-    for (size_t u = 0; u < history->count; ++u) {
+    for (size_t u = 0; u < history->count; ++u)
+        if (history->updates[u].iteration == iteration)
+            grid = &history->updates[u];
+    if (grid)
+        region_center(grid, voxel, center);
+    for (size_t u = 0; grid && u < history->count; ++u) {
         const sgs_regions *update = &history->updates[u];
         bool inside;
         const uint32_t at = region_voxel(update, center, &inside);
@@ -468,10 +473,10 @@ static void answer(view_render_thread *render, const render_task *task)
         reply = save_exr(render, task);
     else if (job->type == MESSAGE_CROP && has_camera)
         reply = crop_reply(render, task);
-    pthread_mutex_unlock(&source->lock);
-    if (job->type == MESSAGE_REGION)
+    else if (job->type == MESSAGE_REGION)
         reply = region_records(source, job->number);
-    else if (job->type == MESSAGE_HISTORY)
+    pthread_mutex_unlock(&source->lock);
+    if (job->type == MESSAGE_HISTORY)
         reply = render->history(render->context);
     if (!reply)
         reply = json_pack("{s:s,s:s}", "type", "error", "text", "the pixel is outside of the view");

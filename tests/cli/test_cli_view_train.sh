@@ -137,6 +137,16 @@ wait "$first"
 check the_run_is_saved test -e "$temporary/saving/checkpoint/state.bin" -a -e "$temporary/saving/summary.json"
 check the_exr_file_is_given_up test ! -e "$temporary/saving/view_0001.exr"
 
+# a_page_cannot_stop_a_training_that_has_ended: the model is evaluated, and the run is complete.
+start complete --iterations 60 --eval
+python3 "$client" "$url" late >"$temporary/first" 2>&1 &
+first=$!
+ends 0
+wait "$first"
+check the_page_was_late grep -qx late "$temporary/first"
+check the_run_is_complete jq -e '.stop_reason == "schedule" and .iterations == 60 and .test.psnr > 0 and .train.psnr > 0' \
+    "$temporary/complete/summary.json"
+
 if is_long; then # the pause from above
     training=$idle
     last_command="sparegs train, paused"

@@ -635,6 +635,17 @@ def save_exr(url):
     read_to_end(page)
 
 
+def late(url):
+    """Controls a training run after its last iteration."""
+    page = Page(url)
+    page.wait("hello")
+    page.wait("progress", lambda message: message["finished"])
+    for action in ("pause", "stop"):
+        page.socket.send({"type": "run", "action": action})
+    print("late", flush=True)
+    read_to_end(page)
+
+
 def status(url, *headers):
     """The HTTP status of a WebSocket handshake with these extra headers."""
     address = urlparse(url)
@@ -646,7 +657,7 @@ def main():
     url, command = sys.argv[1:3]
     {"pictures": pictures, "crop": crop, "progressive": progressive, "hostile": hostile, "many": many, "storm": storm,
      "never_reads": never_reads, "stalled": stalled, "idle": idle, "frames": frames, "move": move,
-     "control": control, "limited": limited, "paused": paused, "action": run_action, "exr": save_exr,
+     "control": control, "limited": limited, "paused": paused, "action": run_action, "exr": save_exr, "late": late,
      "status": status}[command](url, *sys.argv[3:])
     sys.exit(1 if expect.failed else 0)
 

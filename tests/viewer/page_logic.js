@@ -352,6 +352,23 @@ function a_double_click_asks_for_no_ray_and_a_click_for_one() {
 
 // ---- The run ----
 
+function a_finished_training_is_not_controlled() {
+  const page = viewerPage({training: true, run: true}), sent = () => page.sent.filter((message) => message.type === 'run').map((message) => message.action);
+  const tell = (finished) => {
+    page.sandbox.message = {type: 'progress', iteration: 9, total: 9, loss: 0, psnr: 0, gaussians: 1, rate: 1, rss: 1, paused: false, finished, phases: {}};
+    page.run('listeners.progress.forEach((call) => call(message))');
+  };
+  tell(false);
+  page.sandbox.window.confirm = () => true;
+  page.element('stop').dispatch('click');
+  page.element('pause').dispatch('click');
+  assert.deepEqual(sent(), ['stop', 'pause']);
+  page.sandbox.window.confirm = () => { tell(true); return true; }; // it ends while the page asks
+  page.element('stop').dispatch('click');
+  page.element('pause').dispatch('click');
+  assert.deepEqual(sent(), ['stop', 'pause']);
+}
+
 function the_page_says_that_an_exr_file_is_being_saved() {
   const page = viewerPage(), say = () => page.element('message').textContent;
   page.element('exr').dispatch('click');
@@ -371,7 +388,7 @@ const checks = [
   addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
   fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields, a_form_field_or_another_window_ends_the_flight,
   only_exact_images_are_saved, a_region_is_over_or_under_its_quota, a_double_click_asks_for_no_ray_and_a_click_for_one,
-  the_page_says_that_an_exr_file_is_being_saved,
+  a_finished_training_is_not_controlled, the_page_says_that_an_exr_file_is_being_saved,
 ];
 
 let failed = 0;

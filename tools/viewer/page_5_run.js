@@ -72,13 +72,16 @@ onMessage('progress', (message) => {
   }
 });
 
-byId('pause').onclick = () => send({type: 'run', action: viewer.progress && viewer.progress.paused ? 'continue' : 'pause'});
+const hasFinished = () => Boolean(viewer.progress && viewer.progress.finished);
+byId('pause').onclick = () => {
+  if (!hasFinished()) send({type: 'run', action: viewer.progress && viewer.progress.paused ? 'continue' : 'pause'});
+};
 byId('checkpoint').onclick = () => {
   send({type: 'run', action: 'checkpoint'});
   showMessage('Checkpoint requested');
 };
 byId('stop').onclick = () => {
-  if (window.confirm('Stop the training after this iteration and save it?')) send({type: 'run', action: 'stop'});
+  if (window.confirm('Stop the training after this iteration and save it?') && !hasFinished()) send({type: 'run', action: 'stop'});
 };
 
 function flatten(value, prefix, out) {

@@ -107,12 +107,14 @@ static void control(training_view *view, run_action action)
     }
 }
 
-// Called by a thread of the server.
+// Called by a thread of the server. A request that arrives after the last iteration has no effect:
+// a stop would end the evaluation.
 static void act(void *context, run_action action)
 {
     training_view *view = context;
     pthread_mutex_lock(&view->lock);
-    control(view, action);
+    if (!view->finished)
+        control(view, action);
     pthread_cond_broadcast(&view->changed);
     pthread_mutex_unlock(&view->lock);
     report(view);

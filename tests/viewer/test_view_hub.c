@@ -7,7 +7,9 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 #include <cmocka.h>
 
@@ -45,7 +47,7 @@ static void a_job_keeps_the_camera_before_it(void **state)
     view_hub hub;
     view_hub_open(&hub, &views);
     hub.greet = greeting;
-    view_client *client = view_hub_join(&hub, swallow, NULL);
+    view_client *client = view_hub_join(&hub, swallow, NULL, NULL);
     assert_non_null(client);
     receive(client, "{\"type\":\"exr\"}");
     assert_int_equal(client->jobs[0].request.camera.width, 0); // no camera yet
@@ -99,7 +101,7 @@ static void a_training_shows_no_crops(void **state)
         view_hub_open(&hub, &views);
         hub.greet = greeting;
         hub.no_crop = no_crop;
-        view_client *client = view_hub_join(&hub, swallow, NULL);
+        view_client *client = view_hub_join(&hub, swallow, NULL, NULL);
         assert_non_null(client);
         receive(client, "{\"type\":\"camera\",\"serial\":1,\"width\":64,\"height\":48,\"view\":0,"
                         "\"crop\":{\"preview\":\"hide\",\"opacity\":0.5}}");
@@ -113,9 +115,39 @@ static void a_training_shows_no_crops(void **state)
     }
 }
 
+// A page that is refused learns whether it is worth trying again later.
+static void a_refused_page_learns_why(void **state)
+{
+    (void)state;
+    view_hub hub;
+    hub_refusal why;
+    view_client *clients[HUB_CLIENTS];
+    view_hub_open(&hub, &views);
+    hub.greet = greeting;
+    for (int i = 0; i < HUB_CLIENTS; ++i) {
+        clients[i] = view_hub_join(&hub, swallow, NULL, &why);
+        assert_non_null(clients[i]);
+    }
+    assert_null(view_hub_join(&hub, swallow, NULL, &why));
+    assert_int_equal(why, HUB_FULL);
+    view_hub_leave(clients[0]);
+    clients[0] = view_hub_join(&hub, swallow, NULL, &why);
+    assert_non_null(clients[0]);
+    view_hub_stop(&hub);
+    assert_null(view_hub_join(&hub, swallow, NULL, &why)); // with all places taken
+    assert_int_equal(why, HUB_STOPPING);
+    view_hub_leave(clients[0]);
+    assert_null(view_hub_join(&hub, swallow, NULL, &why)); // with a free one
+    assert_int_equal(why, HUB_STOPPING);
+    for (int i = 1; i < HUB_CLIENTS; ++i)
+        view_hub_leave(clients[i]);
+    view_hub_close(&hub);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(a_job_keeps_the_camera_before_it),
-                                       cmocka_unit_test(a_training_shows_no_crops)};
+                                       cmocka_unit_test(a_training_shows_no_crops),
+                                       cmocka_unit_test(a_refused_page_learns_why)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -151,7 +151,7 @@ static void stage_open(stage *s, double share, size_t picture_bytes)
     s->render = (view_render_thread){.hub = &s->hub, .source = &s->source, .is_live = true};
     atomic_store(&s->render.share, share);
     pthread_mutex_init(&s->shown.lock, NULL);
-    s->shown.client = view_hub_join(&s->hub, take, &s->shown);
+    s->shown.client = view_hub_join(&s->hub, take, &s->shown, NULL);
     assert_non_null(s->shown.client);
 }
 

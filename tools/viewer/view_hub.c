@@ -116,9 +116,10 @@ static void *send_all(void *argument)
 
 // ---- Clients ----
 
-view_client *view_hub_join(view_hub *hub, hub_send_fn send, void *connection)
+view_client *view_hub_join(view_hub *hub, hub_send_fn send, void *connection, hub_refusal *why)
 {
     view_client *client = NULL;
+    hub_refusal reason = HUB_FULL;
     pthread_mutex_lock(&hub->lock);
     for (int i = 0; i < HUB_CLIENTS && !client && !hub->stopping; ++i)
         if (!hub->clients[i].used)
@@ -135,9 +136,14 @@ view_client *view_hub_join(view_hub *hub, hub_send_fn send, void *connection)
             pthread_cond_destroy(&client->filled);
             client->used = false;
             client = NULL;
+            reason = HUB_BUSY;
         }
+    } else {
+        reason = hub->stopping ? HUB_STOPPING : HUB_FULL;
     }
     pthread_mutex_unlock(&hub->lock);
+    if (!client && why)
+        *why = reason;
     return client;
 }
 

@@ -76,8 +76,14 @@ void view_hub_close(view_hub *hub);
 // Wakes the render thread and the senders for the end of the server.
 void view_hub_stop(view_hub *hub);
 
-// NULL if HUB_CLIENTS are connected, or no thread can be started.
-view_client *view_hub_join(view_hub *hub, hub_send_fn send, void *connection);
+typedef enum hub_refusal {
+    HUB_FULL,     // HUB_CLIENTS are connected
+    HUB_STOPPING, // the viewer ends
+    HUB_BUSY      // no thread can be started
+} hub_refusal;
+
+// NULL if the page cannot join; then *why receives the reason, unless `why` is NULL.
+view_client *view_hub_join(view_hub *hub, hub_send_fn send, void *connection, hub_refusal *why);
 // Waits for the sender; call before the connection becomes invalid.
 void view_hub_leave(view_client *client);
 // A message from the page. False if the connection must be closed.

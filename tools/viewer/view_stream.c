@@ -177,13 +177,16 @@ static void serve_stream(struct mg_connection *connection, void *hub)
     frame_input *input = calloc(1, sizeof *input);
     mg_disable_connection_keep_alive(connection); // ends it when this function returns
     if (input && s.socket >= 0) {
-        int status = CLOSE_TRY_LATER;
-        s.client = view_hub_join(hub, send_message, &s);
+        hub_refusal why;
+        s.client = view_hub_join(hub, send_message, &s, &why);
+        int status = 0;
         if (s.client) {
             status = read_all(&s, hub, input);
             view_hub_leave(s.client);
         } else {
-            send_frame(&s, MG_WEBSOCKET_OPCODE_TEXT, full, sizeof full - 1);
+            if (why == HUB_FULL)
+                send_frame(&s, MG_WEBSOCKET_OPCODE_TEXT, full, sizeof full - 1);
+            status = why == HUB_STOPPING ? CLOSE_GOING_AWAY : CLOSE_TRY_LATER;
         }
         if (status > 0) {
             send_close(&s, status);

@@ -32,6 +32,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     FUZZ_REQUIRE(request->aov >= 0 && request->aov < AOV_ROWS);
     FUZZ_REQUIRE(request->samples >= 1 && request->samples <= VIEW_SAMPLES);
     FUZZ_REQUIRE(isfinite(request->range.low) && isfinite(request->range.high));
+    FUZZ_REQUIRE(!request->is_log || request->range.low >= 0);
+    FUZZ_REQUIRE(request->crop.opacity >= 0 && request->crop.opacity <= 1);
+    FUZZ_REQUIRE(!message.refused || *message.refused);
     for (int k = 0; k < 9; ++k)
         FUZZ_REQUIRE(isfinite(request->pose.rotation[k]));
     for (int k = 0; k < 3; ++k)

@@ -144,10 +144,47 @@ static void a_refused_page_learns_why(void **state)
     view_hub_close(&hub);
 }
 
+static char told[200]; // the last message but for the greeting
+
+static bool remember(void *connection, bool binary, const void *bytes, size_t size)
+{
+    (void)connection;
+    (void)binary;
+    if (!memmem(bytes, size, "hello", 5))
+        snprintf(told, sizeof told, "%.*s", (int)size, (const char *)bytes);
+    return true;
+}
+
+static void a_camera_with_wrong_colours_is_drawn_and_reported(void **state)
+{
+    (void)state;
+    view_hub hub;
+    view_hub_open(&hub, &views);
+    hub.greet = greeting;
+    view_client *client = view_hub_join(&hub, remember, NULL, NULL);
+    assert_non_null(client);
+    receive(client, "{\"type\":\"camera\",\"serial\":5,\"width\":64,\"height\":48,\"view\":0,"
+                    "\"aov\":\"depth\",\"range\":[0,5],\"log\":true}");
+    assert_true(client->has_request);
+    assert_int_equal(client->request.serial, 5);
+    assert_int_equal(client->request.aov, AOV_INDEX_DEPTH);
+    for (int k = 0, waiting = 1; k < 5000 && waiting; ++k) {
+        nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+        pthread_mutex_lock(&hub.lock);
+        waiting = client->queued;
+        pthread_mutex_unlock(&hub.lock);
+    }
+    view_hub_stop(&hub);
+    view_hub_leave(client);
+    view_hub_close(&hub);
+    assert_non_null(strstr(told, "a logarithmic range must be positive"));
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_job_keeps_the_camera_before_it),
-                                       cmocka_unit_test(a_training_shows_no_crops),
-                                       cmocka_unit_test(a_refused_page_learns_why)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_job_keeps_the_camera_before_it),
+        cmocka_unit_test(a_training_shows_no_crops), cmocka_unit_test(a_refused_page_learns_why),
+        cmocka_unit_test(a_camera_with_wrong_colours_is_drawn_and_reported)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -131,18 +131,9 @@ static void every_wrong_message_is_refused(void **state)
         CAMERA("\"width\":10,\"height\":10,\"view\":1"),
         CAMERA("\"width\":10,\"height\":10,\"view\":-1"),
         CAMERA("\"width\":10,\"height\":10,\"lens\":3," POSE),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"aov\":\"secret\""),
         CAMERA("\"width\":10,\"height\":10,\"view\":0,\"samples\":0"),
         CAMERA("\"width\":10,\"height\":10,\"view\":0,\"samples\":65"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"range\":[2,1]"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"box\":[1,2,3,4,5]}"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"box\":[1,2,3,4,5,\"6\"]}"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"sphere\":[1,2,3,-4]}"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"sphere\":[1,2,3,null]}"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"opacity\":2}"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"crop\":{\"size\":-1}"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"range\":[\"a\",1e400]"),
-        CAMERA("\"width\":10,\"height\":10,\"view\":0,\"range\":[-1,1],\"log\":true"),
+        "{\"type\":\"crop\",\"crop\":{\"box\":[1,2,3,4,5]}}",
         CAMERA("\"width\":10,\"height\":10,\"camera_to_world\":[1],\"fov\":9"),
         CAMERA("\"width\":10,\"height\":10,\"camera_to_world\":[2,0,0,3,0,1,0,4,0,0,1,5,0,0,0,1],"
                "\"fov\":9"),
@@ -158,6 +149,47 @@ static void every_wrong_message_is_refused(void **state)
         if (!problem || !*problem || message.type != MESSAGE_INVALID)
             fail_msg("accepted: %s", texts[i]);
     }
+}
+
+// The camera is drawn with the measured range, or the whole model.
+static void wrong_colours_or_crops_leave_the_camera(void **state)
+{
+    (void)state;
+#define SHOWN(rest) CAMERA("\"width\":10,\"height\":10,\"view\":0," rest)
+    static const char *const texts[] = {
+        SHOWN("\"range\":[2,1]"),
+        SHOWN("\"range\":[\"a\",3]"),
+        SHOWN("\"range\":[-1,1],\"log\":true"),
+        SHOWN("\"range\":[0,5],\"log\":true"),
+        SHOWN("\"range\":[1e-50,5],\"log\":true"), // 0 as a float
+        SHOWN("\"aov\":\"secret\""),
+        SHOWN("\"crop\":{\"preview\":\"hide\",\"box\":[1,2,3,4,5]}"),
+        SHOWN("\"crop\":{\"preview\":\"hide\",\"box\":[1,2,3,4,5,\"6\"]}"),
+        SHOWN("\"crop\":{\"preview\":\"hide\",\"sphere\":[1,2,3,-4]}"),
+        SHOWN("\"crop\":{\"preview\":\"hide\",\"sphere\":[1,2,3,null]}"),
+        SHOWN("\"crop\":{\"preview\":\"hide\",\"opacity\":2}"),
+        SHOWN("\"crop\":{\"preview\":\"hide\",\"size\":-1}"),
+        SHOWN("\"crop\":{\"preview\":\"hide\",\"region\":4294967296}"),
+    };
+    view_message message, plain;
+    assert_null(parse(SHOWN("\"samples\":1"), &plain));
+    assert_null(plain.refused);
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; ++i) {
+        const char *problem = parse(texts[i], &message);
+        if (problem || !message.refused || !*message.refused || message.type != MESSAGE_CAMERA)
+            fail_msg("not drawn: %s", texts[i]);
+        message.request.is_log = false;
+        if (!view_request_same(&message.request, &plain.request))
+            fail_msg("drawn with wrong values: %s", texts[i]);
+    }
+    // One is refused, the other is used.
+    assert_null(
+        parse(SHOWN("\"range\":[2,1],\"crop\":{\"preview\":\"hide\",\"opacity\":0.5}"), &message));
+    assert_true(message.request.crop.preview == CROP_HIDE && message.request.crop.opacity == 0.5);
+    assert_null(
+        parse(SHOWN("\"aov\":\"depth\",\"range\":[1,2],\"crop\":{\"opacity\":2}"), &message));
+    assert_int_equal(message.request.aov, AOV_INDEX_DEPTH);
+    assert_true(message.request.range.low == 1 && message.request.range.high == 2);
 }
 
 static void long_and_deep_messages_are_not_parsed(void **state)
@@ -218,6 +250,7 @@ int main(void)
         cmocka_unit_test(a_lens_of_a_view_keeps_its_vertical_field_of_view),
         cmocka_unit_test(a_crop_has_the_limits_of_the_message),
         cmocka_unit_test(every_wrong_message_is_refused),
+        cmocka_unit_test(wrong_colours_or_crops_leave_the_camera),
         cmocka_unit_test(long_and_deep_messages_are_not_parsed),
         cmocka_unit_test(damaged_messages_are_refused_or_valid),
     };

@@ -249,9 +249,10 @@ bool view_hub_receive(view_client *client, const char *text, size_t size)
         message.request.crop.preview = CROP_OFF;
     pthread_mutex_lock(&hub->lock);
     const bool open = !hub->stopping && !client->broken;
-    if (problem)
-        view_hub_post_json(client, json_pack("{s:s,s:s}", "type", "error", "text", problem));
-    else if (message.type != MESSAGE_RUN)
+    if (problem || message.refused)
+        view_hub_post_json(client, json_pack("{s:s,s:s}", "type", "error", "text",
+                                             problem ? problem : message.refused));
+    if (!problem && message.type != MESSAGE_RUN)
         accept_message(client, &message);
     pthread_mutex_unlock(&hub->lock);
     if (!problem && message.type == MESSAGE_RUN && hub->act)

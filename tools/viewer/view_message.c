@@ -77,23 +77,24 @@ static const char *read_colors(const json_t *root, view_request *request)
     const json_t *range = json_object_get(root, "range"), *aov = json_object_get(root, "aov");
     request->aov = AOV_INDEX_RGBA;
     if (json_is_string(aov)) {
-        request->aov = -1;
-        for (int k = 0; k < AOV_ROWS; ++k)
-            if (!strcmp(aov_words[k], json_string_value(aov)))
-                request->aov = k;
-        if (request->aov < 0)
+        int row = AOV_ROWS - 1;
+        while (row >= 0 && strcmp(aov_words[row], json_string_value(aov)) != 0)
+            --row;
+        if (row < 0)
             return "aov is unknown";
-    }
-    if (json_is_array(range)) {
-        const double low = json_number_value(json_array_get(range, 0)),
-                     high = json_number_value(json_array_get(range, 1));
-        if (!(high > low && fabs(low) < 1e30 && fabs(high) < 1e30))
-            return "range must be two ascending numbers";
-        request->range = (value_range){(float)low, (float)high};
+        request->aov = row;
     }
     request->is_log = json_is_true(json_object_get(root, "log"));
-    if (request->is_log && json_is_array(range) && !(request->range.low > 0))
-        return "a logarithmic range must be positive";
+    if (json_is_array(range)) {
+        const json_t *first = json_array_get(range, 0), *second = json_array_get(range, 1);
+        const double low = json_number_value(first), high = json_number_value(second);
+        if (!json_is_number(first) || !json_is_number(second) ||
+            !(high > low && fabs(low) < 1e30 && fabs(high) < 1e30))
+            return "range must be two ascending numbers";
+        if (request->is_log && !((float)low > 0))
+            return "a logarithmic range must be positive";
+        request->range = (value_range){(float)low, (float)high};
+    }
     return NULL;
 }
 
@@ -142,8 +143,7 @@ static const char *read_crop(const json_t *crop, view_crop *out)
     const json_t *box = json_object_get(crop, "box"), *sphere = json_object_get(crop, "sphere");
     const char *preview = json_string_value(json_object_get(crop, "preview"));
     const json_t *slack = json_object_get(crop, "slack"), *region = json_object_get(crop, "region");
-    out->slack = -INFINITY;
-    out->region = -1;
+    *out = (view_crop){.slack = -INFINITY, .region = -1};
     if (!json_is_object(crop))
         return NULL;
     if (json_is_number(slack))
@@ -169,8 +169,19 @@ static const char *read_crop(const json_t *crop, view_crop *out)
     return NULL;
 }
 
-static const char *read_request(const json_t *root, const camera_list *views, view_request *request)
+// Colours and crop; wrong ones are not used. Returns NULL, or a description of the error.
+static const char *read_looks(const json_t *root, view_request *request)
 {
+    const char *crop = read_crop(json_object_get(root, "crop"), &request->crop);
+    if (crop)
+        read_crop(NULL, &request->crop);
+    const char *colors = read_colors(root, request);
+    return crop ? crop : colors;
+}
+
+static const char *read_request(const json_t *root, const camera_list *views, view_message *message)
+{
+    view_request *request = &message->request;
     uint32_t samples = 1;
     const json_t *given = json_object_get(root, "samples");
     if (given && (!read_index(given, VIEW_SAMPLES, &samples) || !samples))
@@ -181,8 +192,8 @@ static const char *read_request(const json_t *root, const camera_list *views, vi
         return "serial must be a number";
     const char *problem = read_camera(root, views, request);
     if (!problem)
-        problem = read_crop(json_object_get(root, "crop"), &request->crop);
-    return problem ? problem : read_colors(root, request);
+        message->refused = read_looks(root, request);
+    return problem;
 }
 
 static const char *read_pixel(const json_t *root, view_message *message)
@@ -227,7 +238,7 @@ static const char *read_members(const json_t *root, const camera_list *views, vi
     case MESSAGE_INVALID:
         return "type is unknown";
     case MESSAGE_CAMERA:
-        problem = read_request(root, views, &message->request);
+        problem = read_request(root, views, message);
         break;
     case MESSAGE_PROBE:
     case MESSAGE_RAY:

@@ -20,7 +20,7 @@ typedef enum view_message_type {
     MESSAGE_INVALID = 0,
     MESSAGE_CAMERA,  // draw this
     MESSAGE_ACK,     // frame `number` was displayed
-    MESSAGE_PROBE,   // values of the quantities at pixel (x, y)
+    MESSAGE_PROBE,   // values of the AOVs at pixel (x, y)
     MESSAGE_RAY,     // primitives along the ray through pixel (x, y)
     MESSAGE_REGION,  // records of region `number`
     MESSAGE_HISTORY, // tables of the run
@@ -66,6 +66,7 @@ bool view_request_same(const view_request *a, const view_request *b);
 typedef struct view_message {
     view_message_type type;
     view_request request; // of MESSAGE_CAMERA; of others, set by the hub
+    const char *refused;  // of MESSAGE_CAMERA: why colours or crop are not used, or NULL
     bool has_crop;        // of MESSAGE_CROP: request.crop; otherwise that of the last camera
     int x, y;
     uint32_t number;
@@ -73,6 +74,7 @@ typedef struct view_message {
 } view_message;
 
 // Parses a message of `size` bytes. views: the cameras that "view" and "lens" are numbers of.
-// Returns NULL, or a description of the error; then message->type is MESSAGE_INVALID.
+// Returns NULL, or a description of the error; then message->type is MESSAGE_INVALID. A camera
+// whose colours or crop are wrong is drawn without them.
 const char *view_message_parse(const char *text, size_t size, const camera_list *views,
                                view_message *message);

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The last picture of a view at rest is lossless once the model stops changing, also if a memory
-// limit makes it smaller than requested. Pictures and files do not delay the end of a run.
+// limit makes it smaller than requested. Pictures and files do not delay the end of a run,
+// and long pictures no other page.
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -37,6 +38,8 @@ static json_t *greeting(void *context)
 typedef struct page {
     pthread_mutex_t lock;
     int width, height, lossless, limited; // of the last picture
+    double seconds;                       // that it took
+    double arrived, gap;                  // its time, and since the picture before
     json_t *reply;                        // the last message but for the greeting; owned
     view_client *client;
 } page;
@@ -66,9 +69,11 @@ static bool take(void *connection, bool binary, const void *bytes, size_t size)
     assert_true(length + 4 <= size);
     json_t *head = json_loadb((const char *)at + 4, length, 0, NULL);
     pthread_mutex_lock(&to->lock);
-    assert_int_equal(json_unpack(head, "{s:i,s:i,s:b}", "width", &to->width, "height", &to->height,
-                                 "lossless", &to->lossless),
+    assert_int_equal(json_unpack(head, "{s:i,s:i,s:b,s:f}", "width", &to->width, "height",
+                                 &to->height, "lossless", &to->lossless, "seconds", &to->seconds),
                      0);
+    to->gap = clock_seconds() - to->arrived;
+    to->arrived += to->gap;
     to->limited = json_is_true(json_object_get(head, "limited"));
     char text[80];
     snprintf(text, sizeof text, "{\"type\":\"ack\",\"number\":%d}",
@@ -264,8 +269,10 @@ static void nothing_is_drawn_before_the_last_model(void **state)
     say(&s.shown, "{\"type\":\"exr\"}");
     stage_start(&s);
     pause_ms(300);
+    pthread_mutex_lock(&s.hub.lock);
     assert_int_equal(s.shown.client->job_count, 1);
     assert_int_equal(s.shown.client->frame, 0);
+    pthread_mutex_unlock(&s.hub.lock);
     assert_true(view_source_replace(&s.source, s.scene.model, NULL, 11));
     view_hub_wake(&s.hub);
     json_decref(expect_reply(&s.shown, "saved"));
@@ -330,6 +337,94 @@ static void a_region_is_numbered_by_the_grid_of_the_shown_model(void **state)
     stage_close(&s);
 }
 
+// ---- Waiting for others ----
+
+// A picture of many samples takes seconds; neither clicks nor another page wait for its end.
+static void a_long_picture_gives_way(void **state)
+{
+    (void)state;
+    for (int moves = 0; moves < 2; ++moves) {
+        stage s;
+        page other = {.lock = PTHREAD_MUTEX_INITIALIZER};
+        stage_open(&s, 1, 0);
+        other.client = view_hub_join(&s.hub, take, &other, NULL);
+        assert_non_null(other.client);
+        say(&s.shown, CAMERA "\"width\":1600,\"height\":1200,\"samples\":64}");
+        stage_start(&s);
+        expect(&s.shown, 800, false, false); // then the one with samples
+        if (moves) {
+            say(&other, CAMERA "\"width\":64,\"height\":48,\"moving\":true}");
+            expect(&other, 32, false, false);
+        } else {
+            say(&s.shown, "{\"type\":\"ray\",\"x\":1,\"y\":1}");
+            json_decref(expect_reply(&s.shown, "ray"));
+        }
+        pthread_mutex_lock(&s.shown.lock);
+        assert_int_equal(s.shown.width, 800);
+        pthread_mutex_unlock(&s.shown.lock);
+        stage_stop(&s);
+        view_hub_leave(other.client);
+        stage_close(&s);
+    }
+}
+
+// The status line shows the cost of a picture, without the sleep that leaves the cores to the
+// training.
+static void the_seconds_of_a_picture_are_those_of_its_work(void **state)
+{
+    (void)state;
+    stage s;
+    stage_open(&s, 0.1, 0);
+    say(&s.shown, CAMERA "\"width\":800,\"height\":600}");
+    stage_start(&s);
+    expect(&s.shown, 800, false, false);
+    pthread_mutex_lock(&s.shown.lock);
+    if (!(s.shown.seconds > 0 && s.shown.seconds < 0.4 * s.shown.gap))
+        fail_msg("%g of %g seconds are reported as work", s.shown.seconds, s.shown.gap);
+    pthread_mutex_unlock(&s.shown.lock);
+    stage_stop(&s);
+    stage_close(&s);
+}
+
+// ---- Errors ----
+
+json_t *__real_ray_inspect(view_source *source, const view_request *request, int x, int y);
+json_t *__wrap_ray_inspect(view_source *source, const view_request *request, int x, int y);
+static bool no_memory;
+
+json_t *__wrap_ray_inspect(view_source *source, const view_request *request, int x, int y)
+{
+    return no_memory ? NULL : __real_ray_inspect(source, request, x, y);
+}
+
+static void expect_error(stage *s, const char *text)
+{
+    json_t *reply = expect_reply(&s->shown, "error");
+    assert_string_equal(json_string_value(json_object_get(reply, "text")), text);
+    json_decref(reply);
+}
+
+static void a_request_without_an_answer_names_the_reason(void **state)
+{
+    (void)state;
+    stage s;
+    stage_open(&s, 1, 0);
+    stage_start(&s);
+    say(&s.shown, "{\"type\":\"exr\"}");
+    expect_error(&s, "the page has not sent a camera yet");
+    say(&s.shown, CAMERA "\"width\":64,\"height\":48}");
+    say(&s.shown, "{\"type\":\"ray\",\"x\":64,\"y\":1}");
+    expect_error(&s, "the pixel is outside of the view");
+    say(&s.shown, "{\"type\":\"probe\",\"x\":1,\"y\":48}");
+    expect_error(&s, "the pixel is outside of the view");
+    no_memory = true;
+    say(&s.shown, "{\"type\":\"ray\",\"x\":1,\"y\":1}");
+    expect_error(&s, "not enough memory to answer the request");
+    no_memory = false;
+    stage_stop(&s);
+    stage_close(&s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -339,6 +434,9 @@ int main(void)
         cmocka_unit_test(nothing_is_drawn_before_the_last_model),
         cmocka_unit_test(a_moving_picture_does_not_delay_the_end),
         cmocka_unit_test(a_region_is_numbered_by_the_grid_of_the_shown_model),
+        cmocka_unit_test(a_long_picture_gives_way),
+        cmocka_unit_test(the_seconds_of_a_picture_are_those_of_its_work),
+        cmocka_unit_test(a_request_without_an_answer_names_the_reason),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -124,6 +124,43 @@ static void saved_files_replace_no_other(void **state)
     temp_folder_remove(&folder);
 }
 
+// What an AOV requires is rendered for it only.
+static void planes_that_are_not_shown_are_not_rendered(void **state)
+{
+    (void)state;
+    oracle_scene scene = oracle_random_model(5, 40, NULL);
+    view_source source = {.name = "model", .drawing = {.compact_box = 1, .white_point = 1}};
+    sgs_gaussians *model;
+    painted_picture picture;
+    assert_int_equal(sgs_gaussians_create(scene.count, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_gaussians_copy(model, scene.model), SGS_STATUS_OK);
+    assert_true(view_source_open(&source, model, NULL, 0));
+    view_painter painter = {.source = &source};
+    view_request request = {.camera = oracle_camera(SGS_CAMERA_PINHOLE, 16, 16),
+                            .pose = oracle_pose_look_at(1.9, -1.2, -3.3),
+                            .aov = AOV_INDEX_CANDIDATES};
+    assert_true(view_painter_draw(&painter, &request, 16, 16, 1, NULL, NULL, &picture));
+    assert_non_null(painter.frame.candidates);
+    sgs_image8_free(&picture.image);
+    request.aov = AOV_INDEX_RGBA;
+    assert_true(view_painter_draw(&painter, &request, 16, 16, 1, NULL, NULL, &picture));
+    assert_null(painter.frame.candidates);
+    sgs_image8_free(&picture.image);
+    // AOVs that refer to rows of the model are not cropped.
+    request.crop =
+        (view_crop){.preview = CROP_HIDE, .region = -1, .slack = -INFINITY, .opacity = 1};
+    for (int cropped = 0; cropped < 2; ++cropped) {
+        request.aov = cropped ? AOV_INDEX_DEPTH : AOV_INDEX_PRIMITIVE;
+        assert_true(view_painter_draw(&painter, &request, 16, 16, 1, NULL, NULL, &picture));
+        assert_int_equal(picture.is_cropped, cropped);
+        assert_int_equal(picture.removed, cropped ? scene.count : 0);
+        sgs_image8_free(&picture.image);
+    }
+    view_painter_free(&painter);
+    view_source_close(&source);
+    oracle_scene_free(&scene);
+}
+
 static atomic_bool draws;
 
 static void *draw_for_a_moment(void *argument)
@@ -166,6 +203,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ray_tables_of_viewer_and_preview_are_limited),
         cmocka_unit_test(saved_files_replace_no_other),
+        cmocka_unit_test(planes_that_are_not_shown_are_not_rendered),
         cmocka_unit_test(the_last_model_waits_for_the_drawing_thread),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

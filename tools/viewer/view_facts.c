@@ -72,7 +72,7 @@ static json_t *views_json(const view_source *source)
 
 // ---- Model and run ----
 
-// 64 colours of the ramp of scalar quantities, from low to high.
+// 64 colours of the ramp of scalar AOVs, from low to high.
 static json_t *ramp_json(void)
 {
     enum { STEPS = 64 };

@@ -8,7 +8,7 @@
 
 #include "viewer/view_source.h"
 
-// {"type": "hello", ...}: model, quantities, colours of the ramp, views, up axis, first camera,
+// {"type": "hello", ...}: model, AOVs, colours of the ramp, views, up axis, first camera,
 // options and summary of the run.
 json_t *view_facts(view_source *source, bool training);
 

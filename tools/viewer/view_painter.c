@@ -17,7 +17,7 @@ enum { RANGE_SAMPLES = 16384 };
 
 static bool prepare_frame(sgs_frame *frame, unsigned *held, int width, int height, unsigned planes)
 {
-    if (frame->width == width && frame->height == height && (*held & planes) == planes)
+    if (frame->width == width && frame->height == height && *held == planes)
         return true;
     sgs_frame_free(frame);
     *held = planes;
@@ -122,8 +122,8 @@ static bool draw_samples(view_painter *painter, sgs_renderer *renderer, const sg
 
 enum { AOV_OF_ROWS = AOV_PRIMITIVE | AOV_REGION | AOV_SLACK }; // refer to rows of the model
 
-// The renderer of the model, or of its copy that shows a crop. NULL on failure. Quantities that
-// refer to rows of the model are not cropped.
+// The renderer of the model, or of its copy that shows a crop. NULL on failure. AOVs that refer to
+// rows of the model are not cropped.
 static sgs_renderer *renderer_for(view_painter *painter, const view_request *request, int aov)
 {
     if (request->crop.preview == CROP_OFF || 1U << aov & AOV_OF_ROWS)
@@ -147,7 +147,8 @@ bool view_painter_draw(view_painter *painter, const view_request *request, int w
     sgs_renderer *renderer = renderer_for(painter, request, request->aov);
     if (!renderer)
         return false;
-    if (renderer == painter->preview.renderer)
+    picture->is_cropped = renderer == painter->preview.renderer;
+    if (picture->is_cropped)
         picture->removed = painter->preview.removed;
     const unsigned aov = 1U << request->aov;
     if (!prepare_frame(&painter->frame, &painter->planes, width, height, aov_planes(aov)) ||
@@ -206,8 +207,8 @@ static json_t *value_json(int k, const sgs_frame *frame, const region_map *regio
     return numbers_json(values, source->channels);
 }
 
-// All quantities of a camera of one pixel, as the picture of quantity `aov` shows them. The number
-// of candidates only if it is shown, because it requires a new BVH.
+// Renders all AOVs of a one-pixel camera, with the model (full or cropped) used for AOV `aov`. The
+// number of candidates only if it is shown, because it requires a new BVH.
 static bool render_pixel(view_painter *painter, const view_request *request,
                          const sgs_camera *pixel, int aov, sgs_frame *frame)
 {

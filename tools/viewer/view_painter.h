@@ -17,13 +17,14 @@ typedef struct view_painter {
     crop_preview preview;
 } view_painter;
 
-// Memory per pixel of a picture with samples, and of an EXR file with all quantities: planes, and
-// what encoding takes.
+// Memory per pixel of a picture with samples, and of an EXR file with all AOVs: planes, and what
+// encoding takes.
 enum { PICTURE_PIXEL_BYTES = 72, EXR_PIXEL_BYTES = 150 };
 
 typedef struct painted_picture {
     sgs_image8 image;
     value_range range; // of a ramp
+    bool is_cropped;   // shows the crop of the request
     size_t removed;    // primitives that the crop rejects
 } painted_picture;
 
@@ -33,8 +34,8 @@ typedef struct painted_picture {
 bool view_painter_draw(view_painter *painter, const view_request *request, int width, int height,
                        int samples, sgs_progress_fn progress, void *user, painted_picture *picture);
 
-// The quantities at pixel (x, y) of the request, as its pictures show them, with its crop: {"x",
-// "y", "color", "depth", ..., "position"}. NULL on failure.
+// The AOVs at pixel (x, y) of the request, as its pictures show them, with its crop: {"x", "y",
+// "color", "depth", ..., "position"}. NULL on failure.
 json_t *view_painter_probe(view_painter *painter, const view_request *request, int x, int y);
 
 // True if the memory for such a picture, or EXR file, is within that of the source.

@@ -3,8 +3,9 @@
 
 // Pages take turns. A moving picture is drawn at the page's `scale` (of width and height), which
 // grows or shrinks with the time that the last one took. At rest each picture is STEP times larger.
-// A large picture is abandoned when its page changes the request. While another page moves, no
-// picture is started that would hold it up for more than PATIENCE seconds.
+// A large picture is abandoned when its page changes the request, and after PATIENCE seconds if
+// another page moves or a page waits for more than the value of a pixel. While another page moves,
+// no picture is started that would hold it up for more than PATIENCE seconds.
 //
 // With a share below 1 the thread sleeps after each stretch of work of length s for s (1 / share -
 // 1), inside of large pictures too.
@@ -75,6 +76,7 @@ static void keep_share(view_render_thread *render, const render_task *task)
         pthread_cond_timedwait(&hub->work, &hub->lock, &until);
     pthread_mutex_unlock(&hub->lock);
     render->slice = clock_seconds();
+    render->slept += render->slice - now;
     render->owed = fmax(end - render->slice, 0);
 }
 
@@ -123,23 +125,27 @@ static double due_scale(const view_render_thread *render, const view_client *cli
     return fmin(wanted_scale(render, client, now), most_scale(render, &client->request));
 }
 
+static bool has_job(const view_client *client)
+{
+    return client->used && !client->leaving && client->job_count && client->queued < HUB_QUEUE / 2;
+}
+
 static bool find_task(view_render_thread *render, render_task *task)
 {
     view_hub *hub = render->hub;
     const double now = clock_seconds();
     for (uint32_t i = 1; i <= HUB_CLIENTS; ++i) {
         view_client *client = &hub->clients[(hub->turn + i) % HUB_CLIENTS];
-        const bool has_job =
-            client->used && !client->leaving && client->job_count && client->queued < HUB_QUEUE / 2;
+        const bool is_job = has_job(client);
         const double scale = due_scale(render, client, now);
-        if (!has_job && !(scale > 0))
+        if (!is_job && !(scale > 0))
             continue;
         *task = (render_task){.client = client,
                               .generation = client->generation,
                               .changes = client->changes,
                               .request = client->request,
                               .scale = scale};
-        if (has_job) {
+        if (is_job) {
             task->job = client->jobs[0];
             task->request = task->job.request;
             memmove(client->jobs, client->jobs + 1,
@@ -210,8 +216,14 @@ static bool next_task(view_render_thread *render, render_task *task)
 typedef struct work_context {
     view_render_thread *render;
     const render_task *task;
-    bool abandoned;
+    double start; // seconds
+    bool abandoned, gives_way;
 } work_context;
+
+static work_context work_begin(view_render_thread *render, const render_task *task)
+{
+    return (work_context){.render = render, .task = task, .start = clock_seconds()};
+}
 
 // Of moving pictures and files: false if they are unwanted.
 static bool continue_work(void *user, size_t done, size_t total)
@@ -226,7 +238,20 @@ static bool continue_work(void *user, size_t done, size_t total)
     return !context->abandoned;
 }
 
-// Between bands of a picture at rest: false if it is not required any more.
+// True if another page moves, or any page waits for an answer. Values under the cursor and tables
+// are requested all the time; they wait for the picture. With the hub's lock held.
+static bool others_wait(const view_hub *hub, const view_client *client)
+{
+    for (int i = 0; i < HUB_CLIENTS; ++i)
+        for (int k = 0; has_job(&hub->clients[i]) && k < hub->clients[i].job_count; ++k) {
+            const view_message_type type = hub->clients[i].jobs[k].type;
+            if (type != MESSAGE_PROBE && type != MESSAGE_HISTORY)
+                return true;
+        }
+    return others_move(hub, client, clock_seconds());
+}
+
+// Between bands of a picture at rest: false if it is not required any more, or gives way.
 static bool continue_picture(void *user, size_t done, size_t total)
 {
     work_context *context = user;
@@ -234,7 +259,9 @@ static bool continue_picture(void *user, size_t done, size_t total)
     if (done < total)
         keep_share(context->render, context->task);
     pthread_mutex_lock(&hub->lock);
-    context->abandoned = is_obsolete(context->render, context->task);
+    context->gives_way =
+        clock_seconds() - context->start > PATIENCE && others_wait(hub, context->task->client);
+    context->abandoned = context->gives_way || is_obsolete(context->render, context->task);
     pthread_mutex_unlock(&hub->lock);
     return !context->abandoned;
 }
@@ -261,7 +288,7 @@ static json_t *frame_json(const view_render_thread *render, const render_task *t
                              "gaussians", (json_int_t)source->model->count, "seconds", seconds);
     if (limited)
         json_object_set_new(head, "limited", json_true());
-    if (task->request.crop.preview != CROP_OFF)
+    if (picture->is_cropped)
         json_object_set_new(head, "removed", json_integer((json_int_t)picture->removed));
     if (picture->range.high > picture->range.low)
         json_object_set_new(
@@ -294,10 +321,8 @@ static bool post_picture(view_client *client, json_t *head, const encoded_pictur
 // Once per page.
 static void tell_limit(view_client *client, const view_render_thread *render)
 {
-    char text[160];
-    snprintf(text, sizeof text,
-             "pictures have at most %zu pixels, because --max-memory of the training leaves no "
-             "memory for larger ones",
+    char text[80];
+    snprintf(text, sizeof text, "frames are limited to %zu pixels by --max-memory",
              render->source->picture_bytes / PICTURE_PIXEL_BYTES);
     view_hub_post_json(client, json_pack("{s:s,s:s}", "type", "error", "text", text));
     client->told_limit = true;
@@ -358,10 +383,10 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
                lossless = full && !(render->is_live && atomic_load(&render->share) < 1);
     const int width = scaled(request->camera.width, fmin(task->scale, 1)),
               height = scaled(request->camera.height, fmin(task->scale, 1));
-    work_context context = {render, task, false};
+    work_context context = work_begin(render, task);
     painted_picture picture;
     encoded_picture encoded = {0};
-    const double start = clock_seconds();
+    const double start = context.start, slept = render->slept;
     pthread_mutex_lock(&source->lock);
     bool done =
         view_painter_draw(&render->painter, request, width, height, full ? request->samples : 1,
@@ -371,8 +396,8 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
         done = lossless ? encode_png(&picture.image, &encoded)
                         : encode_jpeg(&picture.image,
                                       request->moving ? QUALITY_MOVING : QUALITY_REST, &encoded);
-        head =
-            frame_json(render, task, &picture, clock_seconds() - start, lossless, full && most < 1);
+        head = frame_json(render, task, &picture, clock_seconds() - start - (render->slept - slept),
+                          lossless, full && most < 1);
         sgs_image8_free(&picture.image);
     }
     pthread_mutex_unlock(&source->lock);
@@ -382,6 +407,8 @@ static void draw_picture(view_render_thread *render, const render_task *task, bo
         if (done) {
             if (post_picture(client, head, &encoded))
                 learn(render, client, task, seconds, built);
+        } else if (context.gives_way) { // its cost is at least this
+            client->pixel_seconds = fmax(client->pixel_seconds, seconds / ((double)width * height));
         } else if (!context.abandoned && !is_obsolete(render, task)) {
             retry(render, client, task);
         }
@@ -424,7 +451,7 @@ static json_t *region_records(view_source *source, uint32_t voxel)
 static json_t *save_exr(view_render_thread *render, const render_task *task)
 {
     char *path, text[200];
-    work_context context = {render, task, false};
+    work_context context = work_begin(render, task);
     if (!view_painter_allows(render->source, &task->request.camera, EXR_PIXEL_BYTES)) {
         snprintf(text, sizeof text,
                  "an EXR file of more than %zu pixels exceeds the memory that --max-memory leaves "
@@ -447,7 +474,7 @@ static json_t *save_exr(view_render_thread *render, const render_task *task)
 
 static json_t *crop_reply(view_render_thread *render, const render_task *task)
 {
-    work_context context = {render, task, false};
+    work_context context = work_begin(render, task);
     if (render->is_live)
         return json_pack("{s:s,s:s}", "type", "error", "text",
                          "cannot crop while training is running");
@@ -456,6 +483,18 @@ static json_t *crop_reply(view_render_thread *render, const render_task *task)
         return reply;
     const char *error = last_error_text();
     return json_pack("{s:s,s:o}", "type", "error", "text", json_message(error, strlen(error)));
+}
+
+// Why a request has no answer.
+static const char *failure(const render_task *task)
+{
+    const view_message *job = &task->job;
+    const sgs_camera *camera = &task->request.camera;
+    if (!camera->width)
+        return "the page has not sent a camera yet";
+    if (job->x >= camera->width || job->y >= camera->height)
+        return "the pixel is outside of the view";
+    return "not enough memory to answer the request";
 }
 
 static void answer(view_render_thread *render, const render_task *task)
@@ -479,7 +518,7 @@ static void answer(view_render_thread *render, const render_task *task)
     if (job->type == MESSAGE_HISTORY)
         reply = render->history(render->context);
     if (!reply)
-        reply = json_pack("{s:s,s:s}", "type", "error", "text", "the pixel is outside of the view");
+        reply = json_pack("{s:s,s:s}", "type", "error", "text", failure(task));
     pthread_mutex_lock(&render->hub->lock);
     if (task->client->generation == task->generation)
         view_hub_post_json(task->client, reply);

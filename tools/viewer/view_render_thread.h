@@ -31,6 +31,7 @@ typedef struct view_render_thread {
     bool exact;       // the share was 1
     double slice;     // start of the current stretch of work
     double owed;      // seconds to sleep for the share
+    double slept;     // seconds, for the share
 } view_render_thread;
 
 // Set hub, source, history, share and is_live first. False after printing the error.

@@ -95,7 +95,7 @@ for path in /../../etc/passwd /%2e%2e/%2e%2e/etc/passwd /photo/../../../etc/pass
     check "no_file: $path" bash -c "! grep -q 'root:\|\"options\"' '$temporary/body'"
 done
 code 403 "$base/" -H 'Host: evil.example'
-check the_options_of_both_commands_are_named grep -qF 'requires a token (--token, or --view-token of train) and the header' "$temporary/body"
+check the_options_of_both_commands_are_named grep -qF 'set a token (--token, or --view-token of train) and forward' "$temporary/body"
 code 403 "$base/" -H "Host: evil.example:${base##*:}"
 code 403 "$base/" -H 'Origin: http://evil.example'
 code 403 "$base/photo/0" -H 'Origin: null'
@@ -127,14 +127,15 @@ equal() { check "the_picture_equals_render: $1" oiiotool "$1" "$2" --fail 0 --wa
 served=$last_command
 run 0 eval "$temporary/run" "$room" --split all --save "$temporary/scored" --quiet
 equal "$temporary/photo.png" "$temporary/scored/${first%.*}_photo.png"
-run 0 render "$temporary/run" "$room" --view "$first" --format png --aov rgba -o "$temporary/drawn" --quiet
-equal "$temporary/pictures/view.png" "$(find "$temporary/drawn" -name '*.png')"
+run 0 render "$temporary/run" "$room" --view "$first" --format png --aov rgba,normal -o "$temporary/drawn" --quiet
+equal "$temporary/pictures/view.png" "$temporary/drawn/${first%.*}.png"
+equal "$temporary/pictures/normal.png" "$temporary/drawn/${first%.*}.normal.png"
 run 0 render "$temporary/run" --camera "$temporary/pictures/free.json" --format png --aov rgba -o "$temporary/drawn_free" --quiet
 equal "$temporary/pictures/free.png" "$temporary/drawn_free/frame_00000.png"
 run 0 render "$temporary/run" "$room" --view "$first" --format png --aov rgba --spp 4 -o "$temporary/drawn_spp" --quiet
 equal "$temporary/pictures/samples.png" "$(find "$temporary/drawn_spp" -name '*.png')"
 
-# pixels_equal_render: the values of all quantities at some pixels are those of the EXR, and the hits sum up to them.
+# pixels_equal_render: the values of all AOVs at some pixels are those of the EXR, and the hits sum up to them.
 run 0 render "$temporary/run" "$room" --view "$first" --aov all --exr-encoding srgb --compression none -o "$temporary/exr" --quiet
 exr=$(find "$temporary/exr" -name '*.exr')
 for k in 0 1 2; do

@@ -85,11 +85,13 @@ bool view_address_is_free(const view_address *address)
     struct sockaddr_in at = {.sin_family = AF_INET, .sin_port = htons((uint16_t)address->port)};
     inet_pton(AF_INET, address->host, &at.sin_addr);
     const int one = 1, fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
-    const int problem =
-        fd >= 0 && !bind(fd, (const struct sockaddr *)&at, sizeof at) && !listen(fd, 1) ? 0 : errno;
-    if (fd >= 0)
+    int problem = fd < 0 ? errno : 0;
+    if (fd >= 0) {
+        setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
+        if (bind(fd, (const struct sockaddr *)&at, sizeof at) || listen(fd, 1))
+            problem = errno;
         close(fd);
+    }
     if (problem == EADDRINUSE)
         fail_run("port %d of %s is in use; choose another port, or 0 for any free one",
                  address->port, address->host);
@@ -171,22 +173,21 @@ static long index_of(const char *path, const char *prefix)
                                                                 : -1;
 }
 
-// Tells all pages if a whole photo is refused; thumbnails just stay empty.
-static bool photo_fits(const view_server *server, size_t index, photo_use use)
+// Answers with the reason if the photo exceeds the memory for it.
+static bool is_too_large(const view_server *server, struct mg_connection *connection, size_t index,
+                         photo_use use)
 {
     char text[200];
     const view_source *source = server->options.source;
     const size_t bytes = photo_picture_bytes(source->scene, index, use);
     if (!source->photo_bytes || bytes <= source->photo_bytes)
-        return true;
+        return false;
     snprintf(text, sizeof text,
-             "photos are not shown: one takes about %.0f MB, more than the %.0f MB that "
+             "the photo is not shown: it takes about %.0f MB, more than the %.0f MB that "
              "--max-memory of the training leaves for it",
              (double)bytes / 1e6, (double)source->photo_bytes / 1e6);
-    if (use == PHOTO_WHOLE)
-        view_hub_broadcast(server->options.hub,
-                           json_pack("{s:s,s:s}", "type", "error", "text", text));
-    return false;
+    send_status(connection, 507, text);
+    return true;
 }
 
 static int send_photo(view_server *server, struct mg_connection *connection, long index,
@@ -196,8 +197,8 @@ static int send_photo(view_server *server, struct mg_connection *connection, lon
     encoded_picture picture = {0};
     if (!scene || index < 0 || (size_t)index >= scene->view_count)
         return send_status(connection, 404, "no such photo");
-    if (!photo_fits(server, (size_t)index, use))
-        return send_status(connection, 507, "the photo exceeds the memory of the viewer");
+    if (is_too_large(server, connection, (size_t)index, use))
+        return 507;
     switch (photo_queue_get(&server->photos, (size_t)index, use, &picture)) {
     case PHOTO_STOPPED:
         return send_status(connection, 503, "sparegs is shutting down");
@@ -256,9 +257,9 @@ static int answer_request(struct mg_connection *connection)
                            "a token is required: open the address that sparegs printed");
     if (access != 200)
         return send_status(connection, access,
-                           "this host or origin is not allowed; a reverse proxy requires a token "
-                           "(--token, or --view-token of train) and the header Host or "
-                           "X-Forwarded-Host of the browser");
+                           "host or origin not allowed; behind a reverse proxy, set a token "
+                           "(--token, or --view-token of train) and forward the browser's Host, or "
+                           "send it as X-Forwarded-Host");
     return route(server, connection, info, &request);
 }
 

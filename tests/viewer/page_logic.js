@@ -381,6 +381,167 @@ function the_page_says_that_an_exr_file_is_being_saved() {
   assert.equal(say(), 'Saved a/view_0001.exr');
 }
 
+// ---- Places ----
+
+function a_page_without_a_place_tries_again() {
+  const page = viewerPage(), notice = () => page.element('notice').hidden ? '' : page.element('notice').textContent;
+  page.sockets[0].onmessage({data: '{"type":"full"}'});
+  assert.equal(notice(), 'Eight pages are already open. Close one to continue here.');
+  page.sockets[0].onclose();
+  page.pass(9000);
+  assert.equal(page.sockets.length, 1);
+  page.pass(2000);
+  assert.equal(page.sockets.length, 2); // after 10 s
+  page.sockets[1].onopen();
+  assert.match(notice(), /^Eight pages/); // it does not know yet
+  page.sockets[1].onmessage({data: '{"type":"full"}'});
+  page.sockets[1].onclose();
+  page.pass(11000);
+  assert.equal(page.sockets.length, 3);
+  page.sockets[2].onopen();
+  page.sockets[2].onmessage({data: '{"type":"history","train":{},"spare":{}}'});
+  assert.equal(notice(), '');
+  page.sockets[2].onclose(); // the program ends
+  assert.match(notice(), /Reconnecting in 1 s \(attempt 1\)/);
+  page.pass(1000);
+  page.sockets[3].onopen();
+  page.sockets[3].onclose(); // no thread for a place: later and later
+  assert.match(notice(), /Reconnecting in 2 s \(attempt 2\)/);
+}
+
+async function a_page_with_an_old_token_says_so() {
+  const page = viewerPage();
+  page.sandbox.fetch = async () => ({status: 401});
+  await page.run('checkToken()');
+  assert.equal(page.element('notice').textContent, 'The token has changed. Open the URL printed by sparegs.');
+}
+
+// ---- Ranges ----
+
+// Fills fields and runs their handlers. Returns the last camera message.
+function fill(page, values) {
+  for (const [id, value] of Object.entries(values)) page.element(id)[typeof value === 'boolean' ? 'checked' : 'value'] = value;
+  for (const id of Object.keys(values)) page.element(id).dispatch('change');
+  page.pass();
+  return page.sent.filter((message) => message.type === 'camera').at(-1);
+}
+
+function a_logarithmic_range_that_is_not_positive_is_reported_and_not_sent() {
+  const page = viewerPage(), text = () => page.element('rangeText').textContent;
+  let sent = fill(page, {aov: 'depth', rangeLow: '0', rangeHigh: '5'});
+  assert.deepEqual([...sent.range], [0, 5]);
+  assert.equal(text(), '');
+  sent = fill(page, {log: true});
+  assert.ok(sent.log && !('range' in sent));
+  assert.equal(text(), 'A logarithmic range must be positive.');
+  assert.equal(page.element('rangeLow')['aria-invalid'], 'true');
+  sent = fill(page, {rangeLow: '0.5'});
+  assert.deepEqual([...sent.range], [0.5, 5]);
+  assert.equal(text(), '');
+}
+
+function crop_values_out_of_range_are_marked_and_not_sent() {
+  for (const [id, value, name] of [['cropOpacity', '2', 'opacity'], ['cropOpacity', '-1', 'opacity'], ['cropSize', '-1', 'size'], ['cropSize', '1e40', 'size'],
+    ['cropRegion', '4294967296', 'region'], ['cropRegion', '-1', 'region'], ['cropSlack', '1e300', 'slack']]) {
+    const page = viewerPage({aovs: [{name: 'rgba'}, {name: 'slack'}]});
+    const plain = fill(page, {cropPreview: 'mark'}).crop;
+    const {crop} = fill(page, {[id]: value});
+    assert.deepEqual({...crop}, {...plain}, id); // as an empty field
+    assert.equal(page.element(id)['aria-invalid'], 'true');
+    page.run("showPicture({serial: viewer.serial, lossless: true, width: 640, height: 360, full_width: 640, full_height: 360, seconds: 1, gaussians: 9, removed: 3, aov: 'rgba'}, {close() {}})");
+    assert.match(page.element('cropText').textContent, /3 of 9 primitives are removed.*out of range/);
+    page.element('cropSave').dispatch('click');
+    assert.ok(!page.sent.some((message) => message.type === 'crop'));
+    assert.match(page.element('message').textContent, /out of range/);
+    assert.ok(name in fill(page, {[id]: '1'}).crop);
+    assert.equal(page.element(id)['aria-invalid'], 'false');
+    page.element('cropSave').dispatch('click');
+    assert.ok(page.sent.some((message) => message.type === 'crop'));
+  }
+  const page = viewerPage(); // a sphere without a radius, and a box without a limit
+  const {crop} = fill(page, {cropPreview: 'mark', sphereOn: true, boxOn: true, sphere_radius: '-1', box_x: '-1e31'});
+  assert.ok(!('sphere' in crop) && crop.box[0] === null && crop.box[1] !== null);
+}
+
+function only_cropped_pictures_count_removed_primitives() {
+  const page = viewerPage();
+  fill(page, {cropPreview: 'hide', cropOpacity: '0.5'});
+  page.run("showPicture({serial: viewer.serial, lossless: true, width: 640, height: 360, full_width: 640, full_height: 360, seconds: 1, gaussians: 9, aov: 'primitive'}, {close() {}})");
+  assert.equal(page.element('cropText').textContent, 'This AOV shows the whole model');
+}
+
+// ---- Lenses and photos ----
+
+const photoView = (name) => ({name, width: 640, height: 480, photo: true, test: false, lens: 'OPENCV', fisheye: false, fov: 50, intrinsics: [500, 500, 320, 240],
+  params: [500, 500, 320, 240, 0.1, 0, 0, 0], camera_to_world: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1]});
+
+function the_controls_show_the_lens_of_the_camera() {
+  const page = viewerPage({views: [photoView('a')]});
+  const shown = () => [page.element('lens').value, Number(page.element('fov').value), page.element('fovText').textContent];
+  assert.deepEqual(shown(), ['0', 50, '50°']);
+  page.run('camera.fov = 30; zoomTo(camera.target, 2)');
+  page.element('keyAdd').dispatch('click');
+  page.element('keys').children[0].children[0].dispatch('click'); // paths are pinhole
+  assert.deepEqual(shown(), ['-1', 30, '30°']);
+  page.element('home').dispatch('click');
+  assert.deepEqual(shown(), ['0', 50, '50°']);
+  const free = viewerPage();
+  fill(free, {lens: '-1'});
+  free.run("camera.lens = 0; camera.fov = 20");
+  free.element('home').dispatch('click');
+  assert.deepEqual([free.element('lens').value, Number(free.element('fov').value)], ['-1', 20]);
+}
+
+function photos_are_loaded_for_a_comparison_only() {
+  const page = viewerPage({views: [photoView('a'), photoView('b')]}), photo = page.element('photo');
+  assert.equal(photo.src, undefined);
+  page.run('choosePhoto(1)');
+  assert.equal(photo.src, undefined);
+  fill(page, {compare: 'slider'});
+  assert.equal(photo.src, '/photo/1?model=1');
+  assert.equal(page.run('photoReady'), false);
+  const slow = photo.onload;
+  page.run('choosePhoto(0)');
+  assert.equal(photo.src, '/photo/0?model=1');
+  slow(); // of the photo before
+  assert.equal(page.run('photoReady'), false);
+  photo.dispatch('load');
+  assert.equal(page.run('photoReady'), true);
+  photo.src = 'kept';
+  fill(page, {compare: 'photo'}); // it is loaded once
+  assert.equal(photo.src, 'kept');
+}
+
+async function a_photo_that_is_refused_says_why() {
+  const page = viewerPage({views: [photoView('a')]}), settled = () => new Promise((done) => setImmediate(done));
+  fill(page, {compare: 'photo'});
+  page.sandbox.fetch = async (to) => { page.requests.push(to); return {status: 507, text: async () => 'the photo is not shown: it takes about 80 MB\n'}; };
+  page.element('photo').dispatch('error');
+  await settled();
+  assert.deepEqual(page.requests, ['/photo/0?model=1']);
+  assert.equal(page.element('message').textContent, 'Error: the photo is not shown: it takes about 80 MB');
+  page.sandbox.fetch = async () => ({status: 404});
+  page.element('photo').dispatch('error');
+  await settled();
+  assert.equal(page.element('message').textContent, 'Error: the photo a cannot be loaded');
+}
+
+function a_sideways_wheel_keeps_the_camera() {
+  const page = viewerPage({views: [photoView('a')]}), at = {clientX: 100, clientY: 100};
+  page.element('picture').dispatch('wheel', {...at, deltaX: 50, deltaY: 0});
+  assert.equal(page.run('camera.view'), 0);
+  page.element('picture').dispatch('wheel', {...at, deltaX: 0, deltaY: 50});
+  assert.equal(page.run('camera.view'), -1);
+}
+
+function points_near_the_camera_are_drawn_in_small_models() {
+  for (const extent of [1e-3, 1, 1e4]) {
+    const page = viewerPage({extent});
+    assert.notEqual(page.run(`throughLens(lensOf(null), [0, 0, ${0.01 * extent}])`), null);
+    assert.equal(page.run(`throughLens(lensOf(null), [0, 0, ${1e-4 * extent}])`), null);
+  }
+}
+
 const checks = [
   the_standalone_page_orbits_about_the_up_axis_of_the_file, drags_of_photos_in_portrait_change_azimuth_and_elevation,
   a_long_drag_keeps_its_direction, drags_of_photos_taken_straight_down_turn_and_tilt, level_horizon_puts_the_up_axis_up,
@@ -388,17 +549,23 @@ const checks = [
   addresses_follow_the_path_of_the_page, the_orbit_centre_lies_in_front_of_the_cameras_of_a_path,
   fly_keys_are_places_on_the_keyboard_and_act_outside_of_form_fields, a_form_field_or_another_window_ends_the_flight,
   only_exact_images_are_saved, a_region_is_over_or_under_its_quota, a_double_click_asks_for_no_ray_and_a_click_for_one,
-  a_finished_training_is_not_controlled, the_page_says_that_an_exr_file_is_being_saved,
+  a_finished_training_is_not_controlled, the_page_says_that_an_exr_file_is_being_saved, a_page_without_a_place_tries_again,
+  a_page_with_an_old_token_says_so, a_logarithmic_range_that_is_not_positive_is_reported_and_not_sent, crop_values_out_of_range_are_marked_and_not_sent,
+  only_cropped_pictures_count_removed_primitives, the_controls_show_the_lens_of_the_camera, photos_are_loaded_for_a_comparison_only,
+  a_photo_that_is_refused_says_why, a_sideways_wheel_keeps_the_camera, points_near_the_camera_are_drawn_in_small_models,
 ];
 
-let failed = 0;
-for (const check of checks) {
-  try {
-    check();
-    console.log('ok ' + check.name);
-  } catch (error) {
-    ++failed;
-    console.log('FAIL ' + check.name + '\n' + error.stack);
+async function main() {
+  let failed = 0;
+  for (const check of checks) {
+    try {
+      await check();
+      console.log('ok ' + check.name);
+    } catch (error) {
+      ++failed;
+      console.log('FAIL ' + check.name + '\n' + error.stack);
+    }
   }
+  process.exit(failed ? 1 : 0);
 }
-process.exit(failed ? 1 : 0);
+main();

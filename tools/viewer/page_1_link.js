@@ -57,6 +57,7 @@ if (location.search) history.replaceState(null, '', location.pathname);
 const folder = location.pathname.replace(/[^/]*$/, '');
 
 let socket = null, retries = 0;
+const FULL_PAUSE = 10000; // ms, before the next attempt if all places are taken
 
 // Pause in ms before the next attempt to connect.
 function retryDelay(count) {
@@ -80,14 +81,15 @@ function connect() {
       return;
     }
     const message = JSON.parse(event.data);
-    full = full || message.type === 'full';
-    if (full) notice('Eight browsers are connected already. Close one of them and reload this page.');
+    full = message.type === 'full';
+    if (!full) retries = 0;
+    notice(full ? 'Eight pages are already open. Close one to continue here.' : '');
     (listeners[message.type] || []).forEach((call) => call(message));
   };
-  socket.onopen = () => { open = true; retries = 0; notice(''); };
+  socket.onopen = () => { open = true; };
   socket.onclose = () => {
-    if (full) return;
-    connectLater();
+    if (full) setTimeout(connect, FULL_PAUSE);
+    else connectLater();
     if (!open) checkToken();
   };
 }
@@ -95,7 +97,7 @@ function connect() {
 // A program that started again may have another token.
 async function checkToken() {
   const answer = await fetch(folder, {cache: 'no-store'}).catch(() => null);
-  if (answer && answer.status === 401) notice('sparegs has another token now. Open the address that it printed.');
+  if (answer && answer.status === 401) notice('The token has changed. Open the URL printed by sparegs.');
 }
 
 // Tries again until the program answers.

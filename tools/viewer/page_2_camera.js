@@ -180,6 +180,7 @@ function goHome() {
   camera.target = hello.target.slice();
   camera.position = add(camera.target, camera.back, 1.6 * hello.extent);
   camera.lens = -1;
+  showLens();
   orthonormalise();
   updateRoll(true);
   moved();
@@ -208,12 +209,13 @@ function pictureSize() {
   return [Math.floor(width * limit), Math.floor(height * limit)];
 }
 
-// What is wrong with the limits of the colour range, ''; without limits the program measures the range of each picture.
+// What is wrong with the limits of the colour range, or ''; without limits the program measures the range of each picture.
 function rangeProblem() {
   const low = byId('rangeLow').value, high = byId('rangeHigh').value;
   if (!rampOf(byId('aov').value) || (low === '' && high === '')) return '';
   if (low === '' || high === '') return 'Enter both limits, or neither.';
-  return Number(high) > Number(low) ? '' : 'The upper limit must exceed the lower one.';
+  if (!(Number(high) > Number(low))) return 'The upper limit must exceed the lower one.';
+  return byId('log').checked && !(Number(low) > 0) ? 'A logarithmic range must be positive.' : '';
 }
 
 function cameraMessage(moving) {
@@ -221,7 +223,7 @@ function cameraMessage(moving) {
   const message = {type: 'camera', serial: ++viewer.serial, width: request.width, height: request.height, moving,
     aov: byId('aov').value || 'rgba', samples: Number(byId('samples').value)};
   const low = byId('rangeLow').value, high = byId('rangeHigh').value;
-  if (rampOf(message.aov)) { // what the fields hold is no matter of other quantities
+  if (rampOf(message.aov)) { // the range applies to colour-mapped AOVs only
     message.log = byId('log').checked;
     if (low !== '' && !rangeProblem()) message.range = [Number(low), Number(high)];
   }

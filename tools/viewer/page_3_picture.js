@@ -44,6 +44,8 @@ function showPicture(head, bitmap) {
   showBar(head);
   if (head.removed !== undefined)
     byId('cropText').textContent = `${head.removed.toLocaleString('en')} of ${head.gaussians.toLocaleString('en')} primitives are removed${cropProblem()}`;
+  else if (request.message && request.message.crop && head.serial === viewer.serial)
+    byId('cropText').textContent = 'This AOV shows the whole model' + cropProblem();
   compareAgain();
   continueScreenshot();
 }
@@ -53,7 +55,7 @@ function showBar(head) {
   if (!head.range) return;
   byId('low').textContent = number(head.range[0]);
   byId('high').textContent = number(head.range[1]);
-  byId('quantity').textContent = head.aov + (byId('log').checked ? ' (log)' : '');
+  byId('barAov').textContent = head.aov + (byId('log').checked ? ' (log)' : '');
 }
 
 function drawRamp(colors) {
@@ -145,17 +147,39 @@ function photoAddress(kind, index) {
   return `${folder}${kind}/${index}?model=${viewer.models}`;
 }
 
-let photoReady = false;
+let photoReady = false, photoSource = ''; // the address that was requested
 function photoLeft() {
   byId('split').hidden = photo.hidden = true;
   photoReady = false;
+  photoSource = '';
   clearTimeout(clickTimer); // of the camera before
   chosen = null;
   byId('value').textContent = ''; // of the camera before
   document.querySelectorAll('#photos button[aria-pressed=true]').forEach((button) => button.setAttribute('aria-pressed', 'false'));
 }
 
+// Why the browser has no photo: the program answers with a line of text.
+async function explainPhoto(address, name) {
+  const answer = await fetch(address, {cache: 'no-store'}).catch(() => null);
+  const reason = answer && answer.status === 507 ? (await answer.text()).trim() : `the photo ${name} cannot be loaded`;
+  if (photoSource === address) showMessage('Error: ' + reason);
+}
+
+// Loads the photo of the camera if it is compared.
+function loadPhoto() {
+  const view = camera.view >= 0 ? viewer.hello.views[camera.view] : null;
+  if (byId('compare').value === 'render' || !view || !view.photo) return;
+  const address = photoAddress('photo', camera.view);
+  if (photoSource === address) return;
+  photoSource = address;
+  photo.onload = () => { if (photoSource === address) { photoReady = true; compareAgain(); } };
+  photo.onerror = () => explainPhoto(address, view.name);
+  photo.alt = 'Photo ' + view.name;
+  photo.src = address;
+}
+
 function compareAgain() {
+  loadPhoto();
   const mode = byId('compare').value, shows = camera.view >= 0 && viewer.hello.views[camera.view].photo;
   photo.hidden = !(shows && photoReady && (mode === 'slider' || mode === 'photo'));
   byId('split').hidden = !(shows && photoReady && mode === 'slider');
@@ -182,17 +206,10 @@ function drawDifference(context) {
 function choosePhoto(index) {
   photoLeft();
   goToView(index);
-  const view = viewer.hello.views[index];
   const button = document.querySelectorAll('#photos button')[index];
   if (button) button.setAttribute('aria-pressed', 'true');
-  byId('lens').value = String(index);
-  byId('fov').value = camera.fov;
-  showFov();
-  if (!view.photo) return;
-  photo.onload = () => { photoReady = true; compareAgain(); };
-  photo.onerror = () => showMessage('Error: the photo ' + view.name + ' cannot be loaded');
-  photo.alt = 'Photo ' + view.name;
-  photo.src = photoAddress('photo', index);
+  showLens();
+  loadPhoto();
 }
 
 // ---- Values under the cursor ----
@@ -304,7 +321,7 @@ picture.addEventListener('contextmenu', (event) => event.preventDefault());
 
 picture.addEventListener('wheel', (event) => {
   event.preventDefault();
-  const pixel = pixelAt(event);
+  const pixel = event.deltaY ? pixelAt(event) : null; // sideways: no zoom
   if (pixel) zoomTo(pointAt(pixel), Math.exp(Math.max(-1, Math.min(1, event.deltaY / 400))));
 }, {passive: false});
 

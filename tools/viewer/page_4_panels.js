@@ -1,9 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The controls of quantity, camera, photos, pixel and region.
+// The controls of AOV, camera, photos, pixel and region.
 
-function showFov() {
+// Sets the controls of lens and field of view to those of the camera.
+function showLens() {
+  byId('lens').value = String(camera.lens);
+  byId('fov').value = camera.fov;
   byId('fovText').textContent = number(camera.fov, 3) + '°';
 }
 
@@ -25,7 +28,7 @@ function showRange() {
   requestPicture(false);
 }
 
-function showQuantity() {
+function showAov() {
   const ramp = rampOf(byId('aov').value);
   for (const id of ['log', 'rangeLow', 'rangeHigh']) byId(id).disabled = !ramp;
   byId('samples').disabled = byId('aov').value !== 'rgba';
@@ -85,23 +88,21 @@ onMessage('saved', (message) => {
   showMessage('Saved ' + message.path);
 });
 
-for (const id of ['log', 'samples', 'size']) byId(id).onchange = () => requestPicture(false);
-for (const id of ['rangeLow', 'rangeHigh']) byId(id).onchange = showRange;
-byId('aov').onchange = showQuantity;
+for (const id of ['samples', 'size']) byId(id).onchange = () => requestPicture(false);
+for (const id of ['log', 'rangeLow', 'rangeHigh']) byId(id).onchange = showRange;
+byId('aov').onchange = showAov;
 byId('screenshot').onclick = askScreenshot;
 byId('exr').onclick = () => { if (send({type: 'exr'})) showMessage('Saving…'); };
 byId('fov').oninput = () => {
   camera.fov = Number(byId('fov').value);
   camera.lens = -1;
-  byId('lens').value = '-1';
-  showFov();
+  showLens();
   moved();
 };
 byId('lens').onchange = () => {
   camera.lens = Number(byId('lens').value);
   if (camera.lens >= 0) camera.fov = viewer.hello.views[camera.lens].fov;
-  byId('fov').value = camera.fov;
-  showFov();
+  showLens();
   moved();
 };
 byId('up').onchange = () => { setUp(); levelHorizon(); };

@@ -50,6 +50,7 @@ function goToKey(key) {
   camera.target = add(camera.position, camera.back, -key.distance);
   camera.fov = key.fov;
   camera.lens = -1;
+  showLens();
   moved();
 }
 

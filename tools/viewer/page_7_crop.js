@@ -21,16 +21,30 @@ function cropFields(box, prefix, names) {
 cropFields('boxFields', 'box_', boxNames);
 cropFields('sphereFields', 'sphere_', sphereNames);
 
-// null: no limit.
+// The fields, and the ranges of those that are not coordinates.
+const cropIds = [...boxNames.map((name) => 'box_' + name), ...sphereNames.map((name) => 'sphere_' + name), 'cropOpacity', 'cropSize',
+  'cropSlack', 'cropRegion'];
+const cropRanges = {cropOpacity: [0, 1], cropSize: [0, Infinity], sphere_radius: [0, Infinity], cropRegion: [0, 4294967295]};
+
+function isInRange(id) {
+  const value = Number(byId(id).value), [low, high] = cropRanges[id] || [-Infinity, Infinity];
+  return value >= low && value <= high && Math.abs(value) < 1e30;
+}
+
+// The number of a field; null if it is empty or out of range: no limit.
+function cropNumber(id) {
+  return byId(id).value === '' || !isInRange(id) ? null : Number(byId(id).value);
+}
+
 function cropNumbers(prefix, names) {
-  return names.map((name) => byId(prefix + name).value === '' ? null : Number(byId(prefix + name).value));
+  return names.map((name) => cropNumber(prefix + name));
 }
 
 function cropValues() {
-  const crop = {preview: byId('cropPreview').value, opacity: Number(byId('cropOpacity').value) || 0,
-    size: Number(byId('cropSize').value) || 0, floaters: byId('cropFloaters').checked};
-  if (byId('cropSlack').value !== '') crop.slack = Number(byId('cropSlack').value);
-  if (byId('cropRegion').value !== '') crop.region = Math.max(0, Math.round(Number(byId('cropRegion').value)));
+  const crop = {preview: byId('cropPreview').value, opacity: cropNumber('cropOpacity') || 0, size: cropNumber('cropSize') || 0,
+    floaters: byId('cropFloaters').checked}, slack = cropNumber('cropSlack'), region = cropNumber('cropRegion');
+  if (slack !== null) crop.slack = slack;
+  if (region !== null) crop.region = Math.round(region);
   if (byId('boxOn').checked) crop.box = cropNumbers('box_', boxNames);
   const sphere = cropNumbers('sphere_', sphereNames);
   if (byId('sphereOn').checked && !sphere.includes(null)) crop.sphere = sphere;
@@ -38,7 +52,13 @@ function cropValues() {
 }
 
 function cropProblem() {
-  return byId('sphereOn').checked && !cropValues().sphere ? '. The sphere requires four numbers and is not applied' : '';
+  const wrong = cropIds.some((id) => !isInRange(id));
+  return (wrong ? '. The marked values are out of range and not applied' : '') +
+    (byId('sphereOn').checked && !cropValues().sphere ? '. The sphere requires four numbers and is not applied' : '');
+}
+
+function markCrop() {
+  for (const id of cropIds) byId(id).setAttribute('aria-invalid', String(!isInRange(id)));
 }
 
 function quoted(text) {
@@ -65,6 +85,7 @@ function cropChanged() {
 }
 
 function cropShown() {
+  markCrop();
   byId('cropCommand').textContent = cropCommand();
   byId('cropText').textContent = '';
   requestPicture(false);
@@ -78,6 +99,7 @@ function resetCrop() {
   for (const name of boxNames) byId('box_' + name).value = '';
   for (const name of sphereNames) byId('sphere_' + name).value = '';
   byId('cropText').textContent = '';
+  markCrop();
 }
 
 function startCrop(hello) {
@@ -97,6 +119,10 @@ function startCrop(hello) {
 for (const id of ['boxOn', 'sphereOn', 'cropOpacity', 'cropSize', 'cropSlack', 'cropRegion', 'cropFloaters']) byId(id).onchange = cropChanged;
 byId('cropPreview').onchange = cropShown;
 byId('cropSave').onclick = () => {
+  if (cropIds.some((id) => !isInRange(id))) {
+    showMessage('Error: values of the crop are out of range');
+    return;
+  }
   if (byId('cropPreview').value === 'off') byId('cropPreview').value = 'mark';
   sendRequest(false);
   send({type: 'crop', crop: cropValues()});

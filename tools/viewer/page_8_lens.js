@@ -91,7 +91,8 @@ function distort(lens, [u, v]) {
 // A point in camera axes (right, down, forward) on the distorted image plane; null outside of the domain.
 function throughLens(lens, [x, y, z]) {
   const across = Math.hypot(x, y);
-  if (lens.fisheye ? !(across > 0 || z > 0) : !(z > 1e-3)) return null;
+  const nearest = 1e-3 * (viewer.hello ? viewer.hello.extent : 1);
+  if (lens.fisheye ? !(across > 0 || z > 0) : !(z > nearest)) return null;
   const scale = !lens.fisheye ? 1 / z : across > 0 ? Math.atan2(across, z) / across : 1;
   return across * scale <= lens.limit ? distort(lens, [x * scale, y * scale]) : null;
 }

@@ -18,8 +18,7 @@ function isSame(before, hello) {
 // Resets what belongs to the model and the views before.
 function reset() {
   Object.assign(camera, {view: -1, lens: -1, fov: 50});
-  byId('fov').value = camera.fov;
-  byId('lens').value = '-1';
+  showLens();
   photoLeft();
   photo.removeAttribute('src');
   resetCrop();
@@ -50,7 +49,7 @@ onMessage('hello', (hello) => {
   startCrop(hello);
   if (stays) requestPicture(false);
   else goHome();
-  showFov();
+  showLens();
   startRun(hello);
   if (hello.progress) (listeners.progress || []).forEach((call) => call(hello.progress));
 });

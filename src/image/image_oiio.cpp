@@ -10,16 +10,12 @@
 // sRGB unless the file declares sRGB. Further channels are dropped.
 //
 // sgsi_oiio_read_rows returns floats instead, for photos whose range or colour space exceeds
-// 8-bit sRGB. sRGB stays encoded, linear light stays linear, and all other colour spaces are
-// converted to linear light: those that an EXR file names by a colorInteropID by our own table, the
-// others by OpenImageIO. Linear light is converted to Rec. 709 from the primaries of that name, or
-// of an EXR file's attribute chromaticities.
+// 8-bit sRGB. oiio_color.cpp converts them.
 //
 // Sizes are checked before allocation. Rows are decoded in slabs of scanlines or of one row of
 // tiles, so that the interleaved image never exists as a whole.
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <cmath>
 #include <cstdarg>
@@ -35,20 +31,20 @@
 
 #include <sys/stat.h>
 
-#include <OpenImageIO/color.h>
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/Imath.h>
 #include <OpenImageIO/imageio.h>
 
 #include "image/image_oiio.h"
+#include "image/oiio_color.h"
 
 extern "C" {
 #include "base/core.h"
-#include "image/color_interop.h"
 #include "image/exr_channels.h"
-#include "image/primaries.h"
 #include "sparegs/runtime.h"
 }
+
+using namespace sgsi;
 
 namespace
 {
@@ -56,7 +52,6 @@ namespace
 constexpr int max_size = 65536;
 constexpr int64_t max_pixels = int64_t(1) << 30;
 constexpr int slab_rows = 64;
-constexpr size_t max_shown = 64;               // bytes of a name in a note
 constexpr size_t slab_bytes = size_t(1) << 28; // of more than one scanline
 constexpr size_t max_slab_bytes = size_t(1) << 31;
 
@@ -70,15 +65,6 @@ struct Layout {
     bool linear = false;
     OIIO::TypeDesc type = OIIO::TypeDesc::UINT8; // type in which rows are decoded
 };
-
-std::string one_line(std::string text)
-{
-    while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())))
-        text.pop_back();
-    std::replace_if(
-        text.begin(), text.end(), [](unsigned char c) { return c < 0x20; }, ' ');
-    return text.empty() ? "no reason given" : text;
-}
 
 sgs_status unreadable(const char *path, const std::string &reason)
 {
@@ -294,45 +280,6 @@ sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &
 
 // ---- Rows of floats ----
 
-// Encodings that the trainer uses directly, or `other`: converted by OpenImageIO first.
-enum class Encoding { srgb, linear, other };
-
-struct Colors {
-    Encoding encoding = Encoding::srgb;
-    OIIO::ColorProcessorHandle processor; // other: converts to linear light
-    sgsi_interop_space space = {1, nullptr};
-    bool decodes = false;          // from the curve of `space`
-    bool primaries = false;        // multiply linear light by the matrix
-    double matrix[3][3] = {};      // to Rec. 709
-    std::string notes[SGSI_NOTES]; // see sgsi_image_info
-};
-
-std::string lower(std::string text)
-{
-    std::transform(text.begin(), text.end(), text.begin(),
-                   [](unsigned char c) { return char(std::tolower(c)); });
-    return text;
-}
-
-std::string joined(const std::vector<std::string> &words)
-{
-    std::string text;
-    for (const std::string &word : words)
-        text += (text.empty() ? "" : ", ") + word;
-    return text;
-}
-
-// The colour spaces to choose from, each name once.
-std::string color_spaces(const OIIO::ColorConfig &config)
-{
-    std::vector<std::string> names = {"linear", "sRGB"};
-    for (const std::string &name : config.getColorSpaceNames())
-        if (std::none_of(names.begin(), names.end(),
-                         [&](const std::string &known) { return lower(known) == lower(name); }))
-            names.push_back(name);
-    return joined(names);
-}
-
 // Uses the colour channels of an EXR file. The note says which of several layers they are.
 bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout, std::string &note)
 {
@@ -360,130 +307,6 @@ bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout, std::string 
     return true;
 }
 
-// To linear Rec. 709, by the names of the common configurations, or to ACES2065-1, whose primaries
-// are known. The role scene_linear is the last choice: it is ACEScg in configurations for ACES.
-bool find_processor(const OIIO::ColorConfig &config, const std::string &space, Colors &colors)
-{
-    static const char *const rec709[] = {"lin_rec709", "lin_srgb", "Linear Rec.709 (sRGB)",
-                                         "Utility - Linear - sRGB", "Utility - Linear - Rec.709"};
-    static const char *const aces[] = {"aces_interchange", "ACES2065-1", "ACES - ACES2065-1"};
-    static const char *const linear[] = {"scene_linear", "linear"};
-    sgsi_interop_space ap0;
-    for (const char *target : rec709)
-        if ((colors.processor = config.createColorProcessor(space, target)))
-            return true;
-    for (const char *target : aces)
-        if ((colors.processor = config.createColorProcessor(space, target))) {
-            colors.primaries = sgsi_interop_find("lin_ap0_scene", &ap0) &&
-                               sgsi_primaries_to_rec709(ap0.chromaticities, colors.matrix);
-            return true;
-        }
-    for (const char *target : linear)
-        if ((colors.processor = config.createColorProcessor(space, target)))
-            return true;
-    return false;
-}
-
-// Names of OpenImageIO 2.2 to 3 for a PNG file with the gamma of sRGB, 1/2.2, in its chunk gAMA and
-// no chunk sRGB, as ImageMagick writes them: photos in sRGB.
-bool is_display_gamma(const std::string &name)
-{
-    return name == "gammacorrected2.2" || name == "gamma2.2" ||
-           name.compare(0, 10, "g22_rec709") == 0;
-}
-
-bool is_linear_rec709(const std::string &name)
-{
-    return name == "lin_srgb" || name == "lin_rec709" || name == "lin_rec709_scene";
-}
-
-// Uses the space that an ID of the Color Interop Forum names. False if it is unknown.
-bool use_interop(const std::string &id, Colors &colors)
-{
-    if (!sgsi_interop_find(id.c_str(), &colors.space))
-        return false;
-    const bool is_rec709 = sgsi_primaries_are_rec709(colors.space.chromaticities);
-    colors.encoding = is_rec709 && colors.space.gamma == 0 ? Encoding::srgb : Encoding::linear;
-    colors.decodes = colors.encoding == Encoding::linear && colors.space.gamma != 1;
-    colors.primaries =
-        !is_rec709 && sgsi_primaries_to_rec709(colors.space.chromaticities, colors.matrix);
-    return true;
-}
-
-sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, const char *colorspace,
-                         Colors &colors)
-{
-    std::string space = colorspace ? colorspace : spec.get_string_attribute("oiio:ColorSpace");
-    if (space.empty())
-        space = spec.format.is_floating_point() ? "linear" : "sRGB";
-    const std::string name = lower(space);
-    const bool sampled = !colorspace && !spec.format.is_floating_point();
-    if (name.compare(0, 4, "srgb") == 0 || name == "cmyk" || name == "ycbcr" ||
-        (sampled && is_display_gamma(name))) {
-        colors.encoding = Encoding::srgb;
-        return SGS_STATUS_OK;
-    }
-    if (name == "linear" || name == "scene_linear" || is_linear_rec709(name)) {
-        colors.encoding = Encoding::linear;
-        return SGS_STATUS_OK;
-    }
-    const OIIO::ColorConfig config; // of the OCIO environment variable, or OpenImageIO's default
-    colors.encoding = Encoding::other;
-    if (!find_processor(config, space, colors))
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: unknown colour space '%s'; choose with option colorspace from %s",
-                         path, one_line(space).c_str(), color_spaces(config).c_str());
-    return SGS_STATUS_OK;
-}
-
-// The attribute of that name, or NULL.
-const float *chromaticities_of(const OIIO::ImageSpec &spec)
-{
-    const OIIO::ParamValue *attribute = spec.find_attribute(
-        "chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, SGSI_CHROMATICITIES));
-    return attribute ? static_cast<const float *>(attribute->data()) : nullptr;
-}
-
-// Linear EXR files have the primaries of their attribute, unless the user names a space with its
-// own. OpenImageIO 2.4 calls all of them "Linear".
-sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, Colors &colors)
-{
-    const float *const chromaticities = chromaticities_of(spec);
-    if (!chromaticities || colors.encoding != Encoding::linear ||
-        sgsi_primaries_are_rec709(chromaticities))
-        return SGS_STATUS_OK;
-    colors.primaries = true;
-    return sgsi_primaries_to_rec709(chromaticities, colors.matrix)
-               ? SGS_STATUS_OK
-               : sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                           "%s: its attribute chromaticities describes no primaries; correct it, "
-                           "or set option colorspace to lin_rec709",
-                           path);
-}
-
-// The ID takes precedence over the chromaticities, which programs often copy without regard to the
-// pixels ("Identifying the Color Space of OpenEXR Files"). OpenImageIO 2.4 passes it on unread.
-sgs_status choose_exr_colors(const char *path, const OIIO::ImageSpec &spec, Colors &colors)
-{
-    const std::string id = spec.get_string_attribute("colorInteropID"),
-                      shown = "colorInteropID '" + one_line(id.substr(0, max_shown)) + "'";
-    std::string &note = colors.notes[SGSI_NOTE_COLOR];
-    if (use_interop(id, colors)) {
-        const float *const chromaticities = chromaticities_of(spec);
-        if (chromaticities &&
-            !sgsi_primaries_are_equal(chromaticities, colors.space.chromaticities))
-            note = shown + " contradicts the attribute chromaticities, which is ignored; set "
-                           "option colorspace to linear to use it instead";
-        return SGS_STATUS_OK;
-    }
-    const sgs_status chosen = choose_colors(path, spec, nullptr, colors);
-    if (!id.empty() && id != "unknown" && !colors.processor)
-        note = shown + " is unknown; the colours are read as " +
-               (colors.encoding == Encoding::srgb ? "sRGB" : "linear light") +
-               "; name their space with option colorspace";
-    return chosen ? chosen : choose_primaries(path, spec, colors);
-}
-
 sgs_status open_photo(const char *path, const char *colorspace,
                       std::unique_ptr<OIIO::ImageInput> &input, Layout &layout, Colors &colors)
 {
@@ -497,42 +320,23 @@ sgs_status open_photo(const char *path, const char *colorspace,
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: no colour channels R, G, B or Y; the channels are %s", path,
                          joined(spec.channelnames).c_str());
-    if (colorspace && use_interop(lower(colorspace), colors))
-        return SGS_STATUS_OK;
-    if (is_exr && !colorspace)
-        return choose_exr_colors(path, spec, colors);
-    const sgs_status chosen = choose_colors(path, spec, colorspace, colors);
-    return chosen || !is_exr || is_linear_rec709(lower(colorspace))
-               ? chosen
-               : choose_primaries(path, spec, colors);
-}
-
-// Decodes a row of unpremultiplied colours to linear light.
-void decode_row(int width, size_t channels, const Colors &colors, float *row)
-{
-    if (colors.processor)
-        colors.processor->apply(row, width, 1, 3, sizeof(float), int64_t(channels * sizeof(float)),
-                                OIIO::stride_t(size_t(width) * channels * sizeof(float)));
-    for (size_t x = 0; colors.decodes && x < size_t(width); ++x)
-        for (size_t c = 0; c < 3; ++c)
-            row[channels * x + c] = sgsi_interop_decode(&colors.space, row[channels * x + c]);
+    return choose_colors(path, spec, is_exr, colorspace, colors);
 }
 
 // Decodes a row if required and premultiplies it.
 void convert_row(int width, const Layout &layout, const Colors &colors, float *row)
 {
-    const bool decodes = colors.processor || colors.decodes;
     if (layout.channels < 4) {
         decode_row(width, 3, colors, row);
         return;
     }
     // Transfer functions apply to unpremultiplied colours.
-    if (decodes && layout.associated)
+    if (decodes(colors) && layout.associated)
         for (size_t x = 0; x < size_t(width); ++x)
             for (size_t c = 0; c < 3; ++c)
                 row[4 * x + c] = row[4 * x + 3] > 0 ? row[4 * x + c] / row[4 * x + 3] : 0;
     decode_row(width, 4, colors, row);
-    if (decodes || !layout.associated)
+    if (decodes(colors) || !layout.associated)
         for (size_t x = 0; x < size_t(width); ++x)
             for (size_t c = 0; c < 3; ++c)
                 row[4 * x + c] *= row[4 * x + 3];
@@ -554,13 +358,7 @@ void arrange_row(const float *raw, int width, const Layout &layout, const Colors
                 out[c] = (1 - in[c]) * (1 - in[3]);
     }
     convert_row(width, layout, colors, row);
-    for (size_t x = 0; colors.primaries && x < size_t(width); ++x) {
-        float *const out = row + x * channels;
-        const double r = double(out[0]), g = double(out[1]), b = double(out[2]);
-        for (size_t c = 0; c < 3; ++c)
-            out[c] =
-                float(colors.matrix[c][0] * r + colors.matrix[c][1] * g + colors.matrix[c][2] * b);
-    }
+    convert_primaries(width, channels, colors, row);
 }
 
 sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &layout,

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// C interface to OpenImageIO, which is included in image_oiio.cpp only. No exception leaves these
-// functions.
+// C interface to OpenImageIO, which only image_oiio.cpp and oiio_color.h include. No exception
+// leaves these functions.
 
 #include <stdbool.h>
 #include <stddef.h>

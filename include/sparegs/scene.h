@@ -82,8 +82,9 @@ typedef struct sgs_scene_options {
     sgs_space space; // of loss, trained colours and metrics
     // Memory for decoded photos in bytes; 0 = unlimited, all are kept.
     size_t image_cache;
-    // Linear light that maps to 1; 0 = the 99th percentile if any file is linear, else 1. It is
-    // measured in at most 16 photos, and without load_images only with measure_white_point.
+    // Scene-linear light that maps to 1; 0 = the 99th percentile if any file is scene-linear, else
+    // 1. It is measured in at most 16 of these photos, and without load_images only with
+    // measure_white_point. Files whose values are encoded for display keep 1 as white.
     double white_point;
     // Do not look for the photos of cameras whose size the model gives. Requires load_images
     // false.
@@ -145,8 +146,8 @@ typedef struct sgs_scene {
     size_t photo_bytes;      // size of all photos when decoded; 0 with cameras_only
     struct sgs_scene_store *store; // internal: the image cache; NULL = all photos are in views
     sgs_space space;               // of photos and trained colours
-    double white_point;            // linear light that maps to 1; 1 if no file is linear
-    size_t linear_images;          // photos in linear light, which white_point applies to
+    double white_point;            // linear light that maps to 1; 1 if no file is scene-linear
+    size_t linear_images;          // scene-linear photos, which white_point applies to
     size_t float_images;           // photos kept in half floats: HDR, 16-bit, linear space
     bool has_alpha;                // some photo has an alpha channel, regardless of `alpha`
     bool white_background;         // NeRF synthetic convention: white unless the caller sets it

@@ -108,7 +108,7 @@ Layout layout_of(const OIIO::ImageSpec &spec)
         out.read = 4;
     if (spec.format.is_floating_point()) {
         out.type = OIIO::TypeDesc::FLOAT;
-        out.linear = space.compare(0, 4, "sRGB") != 0 && space.compare(0, 4, "srgb") != 0;
+        out.linear = !is_encoded(space);
     } else if (spec.format.size() > 1) {
         out.type = OIIO::TypeDesc::UINT16;
     }
@@ -444,6 +444,7 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
                  layout.channels,
                  spec.format == OIIO::TypeDesc::UINT8,
                  colors.encoding != Encoding::srgb,
+                 colors.scene_linear,
                  spec.full_width,
                  spec.full_height,
                  is_exr,

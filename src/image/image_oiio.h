@@ -31,6 +31,9 @@ typedef struct sgsi_image_info {
     int channels; // 3, or 4 with alpha
     bool bytes;   // 8-bit samples
     bool linear;  // sgsi_oiio_read_rows returns linear light; otherwise sRGB-encoded values
+    // Values of the file are in proportion to light, so that the white level of the scene applies
+    // to them. false: they are encoded for display, 1 is white, also if `linear`.
+    bool scene_linear;
     // Of the picture that the file holds a part of, or that is a part of it (EXR: of the display
     // window); usually those of the pixels.
     int full_width, full_height;

@@ -9,7 +9,7 @@
 
 #include "image/image_oiio.h"
 
-enum { SGSI_IMAGE_PLUGIN_VERSION = 2 };
+enum { SGSI_IMAGE_PLUGIN_VERSION = 3 };
 
 // What the plug-in calls of the program, see base/core.h.
 typedef struct sgsi_image_host {

@@ -5,13 +5,20 @@
 // colour spaces are converted to linear light: those with an ID of the Color Interop Forum by our
 // own table, the others by OpenImageIO. Linear light is converted to Rec. 709 from the primaries of
 // that ID, or of an EXR file's attribute chromaticities.
+//
+// What a transfer curve encodes is display-referred, white is 1: such colours are decoded for the
+// conversion of their primaries only. Linear values have no natural white. Neither have encodings
+// whose code value 1 is brighter than white, such as the logarithmic ones of cameras.
 
 #include "image/oiio_color.h"
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
+#include <iterator>
 
 extern "C" {
 #include "base/core.h"
@@ -46,6 +53,11 @@ std::string lower(std::string text)
     std::transform(text.begin(), text.end(), text.begin(),
                    [](unsigned char c) { return char(std::tolower(c)); });
     return text;
+}
+
+bool begins(const std::string &text, const char *head)
+{
+    return text.compare(0, std::strlen(head), head) == 0;
 }
 
 // The colour spaces to choose from, each name once.
@@ -83,12 +95,28 @@ bool find_processor(const OIIO::ColorConfig &config, const std::string &space, C
     return false;
 }
 
+// False for colours encoded for display; see the top of this file.
+bool is_scene_linear(const OIIO::ColorProcessor &processor)
+{
+    enum { levels = 3 };
+    float grey[levels][3] = {{0.25f, 0.25f, 0.25f}, {0.5f, 0.5f, 0.5f}, {1, 1, 1}};
+    processor.apply(grey[0], levels, 1, 3, sizeof(float), sizeof grey[0], sizeof grey);
+    bool is_linear = true;
+    float brightest = 0;
+    for (int c = 0; c < 3; ++c) {
+        const float white = grey[2][c];
+        brightest = std::max(brightest, white);
+        is_linear &= std::abs(grey[1][c] - white / 2) <= 1e-3f * std::abs(white) &&
+                     std::abs(grey[0][c] - white / 4) <= 1e-3f * std::abs(white);
+    }
+    return is_linear || brightest > 2;
+}
+
 // Names of OpenImageIO 2.2 to 3 for a PNG file with the gamma of sRGB, 1/2.2, in its chunk gAMA and
 // no chunk sRGB, as ImageMagick writes them: photos in sRGB.
 bool is_display_gamma(const std::string &name)
 {
-    return name == "gammacorrected2.2" || name == "gamma2.2" ||
-           name.compare(0, 10, "g22_rec709") == 0;
+    return name == "gammacorrected2.2" || name == "gamma2.2" || begins(name, "g22_rec709");
 }
 
 bool is_linear_rec709(const std::string &name)
@@ -103,10 +131,18 @@ bool use_interop(const std::string &id, Colors &colors)
         return false;
     const bool is_rec709 = sgsi_primaries_are_rec709(colors.space.chromaticities);
     colors.encoding = is_rec709 && colors.space.gamma == 0 ? Encoding::srgb : Encoding::linear;
-    colors.decodes = colors.encoding == Encoding::linear && colors.space.gamma != 1;
+    colors.scene_linear = colors.space.gamma == 1;
+    colors.decodes = colors.encoding == Encoding::linear && !colors.scene_linear;
     colors.primaries =
         !is_rec709 && sgsi_primaries_to_rec709(colors.space.chromaticities, colors.matrix);
     return true;
+}
+
+// True if the user's configuration defines this role: then it also says what the role means.
+bool is_configured_role(const char *colorspace, const std::string &name)
+{
+    const char *const configuration = std::getenv("OCIO");
+    return colorspace && name == "scene_linear" && configuration && *configuration;
 }
 
 sgs_status choose_named_colors(const char *path, const OIIO::ImageSpec &spec,
@@ -117,21 +153,25 @@ sgs_status choose_named_colors(const char *path, const OIIO::ImageSpec &spec,
         space = spec.format.is_floating_point() ? "linear" : "sRGB";
     const std::string name = lower(space);
     const bool sampled = !colorspace && !spec.format.is_floating_point();
-    if (name.compare(0, 4, "srgb") == 0 || name == "cmyk" || name == "ycbcr" ||
-        (sampled && is_display_gamma(name))) {
+    if (is_srgb(name) || name == "cmyk" || name == "ycbcr" || (sampled && is_display_gamma(name))) {
         colors.encoding = Encoding::srgb;
         return SGS_STATUS_OK;
     }
-    if (name == "linear" || name == "scene_linear" || is_linear_rec709(name)) {
+    if (name == "linear" || is_linear_rec709(name) ||
+        (name == "scene_linear" && !is_configured_role(colorspace, name))) {
         colors.encoding = Encoding::linear;
+        colors.scene_linear = true;
         return SGS_STATUS_OK;
     }
+    if (use_interop(name, colors)) // OpenImageIO 3 describes files by these IDs
+        return SGS_STATUS_OK;
     const OIIO::ColorConfig config; // of the OCIO environment variable, or OpenImageIO's default
     colors.encoding = Encoding::other;
     if (!find_processor(config, space, colors))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: unknown colour space '%s'; choose with option colorspace from %s",
                          path, one_line(space).c_str(), color_spaces(config).c_str());
+    colors.scene_linear = is_scene_linear(*colors.processor);
     return SGS_STATUS_OK;
 }
 
@@ -155,8 +195,8 @@ sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, Color
     return sgsi_primaries_to_rec709(chromaticities, colors.matrix)
                ? SGS_STATUS_OK
                : sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                           "%s: its attribute chromaticities describes no primaries; correct it, "
-                           "or set option colorspace to lin_rec709",
+                           "%s: the chromaticities attribute is degenerate (its primaries form no "
+                           "triangle); correct it, or set option colorspace to lin_rec709",
                            path);
 }
 
@@ -196,6 +236,22 @@ sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, bool is_
     return chosen || !is_exr || is_linear_rec709(lower(colorspace))
                ? chosen
                : choose_primaries(path, spec, colors);
+}
+
+// Other names that begin with sRGB are spaces of their own, such as "sRGB Encoded AP1 - Texture" of
+// the ACES configurations.
+bool is_srgb(const std::string &space)
+{
+    static const char *const names[] = {"srgb", "srgb - texture", "srgb_tx", "srgb_texture"};
+    const std::string name = lower(space);
+    return std::find(std::begin(names), std::end(names), name) != std::end(names) ||
+           begins(name, "srgb_rec709") || begins(name, "srgb encoded rec.709 (srgb)");
+}
+
+bool is_encoded(const std::string &space)
+{
+    sgsi_interop_space found;
+    return is_srgb(space) || (sgsi_interop_find(lower(space).c_str(), &found) && found.gamma != 1);
 }
 
 bool decodes(const Colors &colors)

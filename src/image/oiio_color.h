@@ -32,6 +32,7 @@ struct Colors {
     OIIO::ColorProcessorHandle processor; // other: converts to linear light
     sgsi_interop_space space = {1, nullptr};
     bool decodes = false;          // from the curve of `space`
+    bool scene_linear = false;     // see sgsi_image_info
     bool primaries = false;        // multiply linear light by the matrix
     double matrix[3][3] = {};      // to Rec. 709
     std::string notes[SGSI_NOTES]; // see sgsi_image_info
@@ -42,6 +43,12 @@ std::string one_line(std::string text);
 
 // Separated by commas.
 std::string joined(const std::vector<std::string> &words);
+
+// True for the names of sRGB with the primaries of Rec. 709, in lower or upper case.
+bool is_srgb(const std::string &space);
+
+// True for such names, and for IDs of the Color Interop Forum with a transfer curve.
+bool is_encoded(const std::string &space);
 
 // Chooses the space of a file. `colorspace`: the user's, or NULL. Errors as sgsi_oiio_describe.
 sgs_status choose_colors(const char *path, const OIIO::ImageSpec &spec, bool is_exr,

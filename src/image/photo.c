@@ -5,9 +5,9 @@
 //
 // 8-bit sRGB photos stay 8-bit. All others become half floats: their 11 bits of precision
 // exceed 8-bit sRGB everywhere, and their range is 30 stops. Values are averaged as stored (linear
-// files in linear light), divided by the scene's white point if linear, and only then encoded. The
-// unit of light therefore does not matter: the same scene times eight has eight times the white
-// point and the same values.
+// files in linear light), divided by the scene's white point if scene-linear, and only then
+// encoded. The unit of light therefore does not matter: the same scene times eight has eight times
+// the white point and the same values.
 
 #include "image/photo.h"
 
@@ -198,7 +198,8 @@ float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_
 // Converts a value from the file's encoding to the photo's.
 static float convert_value(const reducer *r, float value)
 {
-    return sgsi_photo_encode(value, r->info->linear, r->source->space, r->source->white_point);
+    const double white = r->info->scene_linear ? r->source->white_point : 1;
+    return sgsi_photo_encode(value, r->info->linear, r->source->space, white);
 }
 
 static void finish_row(const reducer *r, int j)
@@ -309,7 +310,7 @@ static sgs_status read_floats(const sgsi_photo_source *source, const sgsi_image_
     *photo = (sgs_photo){.width = source->width,
                          .height = source->height,
                          .channels = info->channels,
-                         .is_hdr = info->linear};
+                         .is_hdr = info->scene_linear};
     const size_t row = (size_t)photo->width * (size_t)info->channels;
     reducer r = {.source = source, .info = info, .photo = photo};
     photo->halves = sgsi_alloc(row * (size_t)photo->height, sizeof *photo->halves);

@@ -357,8 +357,10 @@ static sgs_status make_photos(creator *c)
         scene->masks += c->entries[i].source->mask != NULL;
         scene->pixels_nonfinite += c->entries[i].pixels_nonfinite;
         const bool linear = c->entries[i].source->pixel_type != SGS_PIXEL_UINT8;
-        const sgsi_image_info info = {
-            .channels = c->entries[i].source->channels, .bytes = !linear, .linear = linear};
+        const sgsi_image_info info = {.channels = c->entries[i].source->channels,
+                                      .bytes = !linear,
+                                      .linear = linear,
+                                      .scene_linear = linear};
         if (!photo->width)
             continue;
         scene->photo_bytes += sgsi_photo_bytes(&info, scene->space, photo->width, photo->height);

@@ -27,7 +27,7 @@ typedef struct sgsi_view_slot {
     int file_width, file_height; // before downscaling; of the display window if it is shown
     int width, height;           // after downscaling
     int channels;
-    bool linear;         // the file holds linear light
+    bool scene_linear;   // see sgsi_image_info
     size_t bytes;        // decoded size of the photo
     size_t decode_bytes; // see sgsi_photo_decode_bytes
     bool halves;         // it is kept in half floats

@@ -107,7 +107,7 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
     for (int k = 0; k < SGSI_NOTES; ++k) // without memory, the warning is omitted
         s->notes[k] = info.notes[k][0] ? sgsi_strdup(info.notes[k]) : NULL;
     s->channels = info.channels;
-    s->linear = info.linear;
+    s->scene_linear = info.scene_linear;
     l->scene->views[i].orientation = info.orientation;
     s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
     s->decode_bytes = sgsi_photo_decode_bytes(&info);
@@ -234,21 +234,21 @@ static void add_light(void *context, size_t i, int thread)
                          view->display_window);
 }
 
-// White point: the 99 % quantile of the light in a sample of the linear photos.
+// White point: the 99 % quantile of the light in a sample of the scene-linear photos.
 static sgs_status measure_white_point(sgsi_scene_loader *l)
 {
     light_job job = {.loader = l};
     size_t linear = 0, taken = 0, seen = 0;
     l->scene->white_point = l->options->white_point > 0 ? l->options->white_point : 1;
     for (size_t i = 0; i < l->scene->view_count; ++i)
-        linear += l->slots[i].linear;
+        linear += l->slots[i].scene_linear;
     l->scene->linear_images = linear;
     if (l->options->white_point > 0 || !linear ||
         !(l->options->load_images || l->options->measure_white_point))
         return SGS_STATUS_OK;
     const size_t step = (linear + WHITE_VIEWS - 1) / WHITE_VIEWS;
     for (size_t i = 0; i < l->scene->view_count; ++i)
-        if (l->slots[i].linear && seen++ % step == 0)
+        if (l->slots[i].scene_linear && seen++ % step == 0)
             job.views[taken++] = i;
     job.lights = sgsi_calloc(taken, sizeof *job.lights);
     if (!job.lights)

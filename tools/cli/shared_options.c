@@ -180,7 +180,7 @@ static const option scene_options[] = {
      .high = 1e30,
      .argument = "X",
      .initial = "0",
-     .shown = "the 99th percentile of linear images",
+     .shown = "the 99th percentile of scene-linear images",
      .help = "white level: the scene-linear value that maps to 1 in the model"},
 };
 
@@ -361,7 +361,7 @@ void scene_warn_idle(const sgs_scene *scene, const scene_values *values, const c
     if (!scene->has_alpha)
         warn_idle(line, option_given(line, "opaque") ? "alpha" : "alpha|alpha-loss", why);
     free(why);
-    why = format_text("on %s: no image is in linear light", scene->path);
+    why = format_text("on %s: no image is scene-linear", scene->path);
     if (!scene->linear_images)
         warn_idle(line, "white", why);
     free(why);

@@ -103,7 +103,7 @@ sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
 {
     *image = (sgs_image8){0};
     const sgs_status status = sgsi_image_check_complete(path);
-    return status ? status : sgsi_oiio_read(path, image);
+    return status ? status : sgsi_oiio_read(path, false, image);
 }
 
 sgs_status sgs_image8_probe(const char *path, int *width, int *height)

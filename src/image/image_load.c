@@ -55,10 +55,10 @@ static sgs_status need_plugin(const char *path)
                               path, reason);
 }
 
-sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image)
+sgs_status sgsi_oiio_read(const char *path, bool is_mask, sgs_image8 *image)
 {
     const sgs_status status = need_plugin(path);
-    return status ? status : functions.read(path, image);
+    return status ? status : functions.read(path, is_mask, image);
 }
 
 sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *channels)

@@ -63,6 +63,7 @@ struct Layout {
     bool cmyk = false;
     bool associated = false; // the file's colour is premultiplied by alpha
     bool linear = false;
+    bool is_mask = false;                        // samples above 0 stay above 0
     OIIO::TypeDesc type = OIIO::TypeDesc::UINT8; // type in which rows are decoded
 };
 
@@ -110,7 +111,7 @@ Layout layout_of(const OIIO::ImageSpec &spec)
         out.type = OIIO::TypeDesc::FLOAT;
         out.linear = !is_encoded(space);
     } else if (spec.format.size() > 1) {
-        out.type = OIIO::TypeDesc::UINT16;
+        out.type = spec.format.size() > 2 ? OIIO::TypeDesc::FLOAT : OIIO::TypeDesc::UINT16;
     }
     return out;
 }
@@ -174,9 +175,10 @@ float srgb_curve(float v)
     return v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f;
 }
 
-uint8_t quantised(float v)
+uint8_t quantised(float v, const Layout &layout)
 {
-    return uint8_t(std::min(v, 1.0f) * 255 + 0.5f);
+    const uint8_t rounded = uint8_t(std::min(v, 1.0f) * 255 + 0.5f);
+    return layout.is_mask && v > 0 && !rounded ? 1 : rounded;
 }
 
 // Converts any layout, sample by sample.
@@ -186,7 +188,7 @@ void convert_pixel(const unsigned char *row, size_t x, const Layout &layout, uin
     if (layout.cmyk) {
         const float white = 1 - sample(row, at + 3, layout);
         for (size_t c = 0; c < 3; ++c)
-            out[c] = quantised((1 - sample(row, at + c, layout)) * white);
+            out[c] = quantised((1 - sample(row, at + c, layout)) * white, layout);
         return;
     }
     const float alpha =
@@ -195,9 +197,9 @@ void convert_pixel(const unsigned char *row, size_t x, const Layout &layout, uin
         float v = sample(row, at + size_t(layout.source[c]), layout);
         if (layout.associated && alpha > 0)
             v = std::min(v / alpha, 1.0f);
-        out[c] = quantised(layout.linear ? srgb_curve(v) : v);
+        out[c] = quantised(layout.linear ? srgb_curve(v) : v, layout);
     }
-    out[3] = quantised(alpha);
+    out[3] = quantised(alpha, layout);
 }
 
 void convert_rows(const unsigned char *rows, int y0, int y1, const Layout &layout,
@@ -387,7 +389,7 @@ sgs_status read_rows(const char *path, OIIO::ImageInput &input, const Layout &la
 
 } // namespace
 
-sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image)
+sgs_status sgsi_oiio_read(const char *path, bool is_mask, sgs_image8 *image)
 {
     *image = sgs_image8{};
     const sgs_status status = guarded(path, [&]() {
@@ -396,6 +398,7 @@ sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image)
         const sgs_status opened = open_image(path, input, layout);
         if (opened)
             return opened;
+        layout.is_mask = is_mask;
         image->width = input->spec().width;
         image->height = input->spec().height;
         image->channels = layout.channels;

@@ -15,8 +15,9 @@
 extern "C" {
 #endif
 
-// See sgs_image8_read.
-sgs_status sgsi_oiio_read(const char *path, sgs_image8 *image);
+// See sgs_image8_read. is_mask: samples above 0 become at least 1, such as the labels 1 to 128 of a
+// mask of 16 bits, which are otherwise rounded to 0.
+sgs_status sgsi_oiio_read(const char *path, bool is_mask, sgs_image8 *image);
 
 // Size and channels (3 or 4, as from sgsi_oiio_read), from the header only.
 sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *channels);

@@ -20,7 +20,7 @@ typedef struct sgsi_image_host {
 
 // The functions of image_oiio.h.
 typedef struct sgsi_image_functions {
-    sgs_status (*read)(const char *path, sgs_image8 *image);
+    sgs_status (*read)(const char *path, bool is_mask, sgs_image8 *image);
     sgs_status (*probe)(const char *path, int *width, int *height, int *channels);
     sgs_status (*describe)(const char *path, const char *colorspace, sgsi_image_info *info);
     sgs_status (*read_rows)(const char *path, const char *colorspace, sgsi_row_fn take,

@@ -11,6 +11,7 @@
 
 #include "base/base_name.h"
 #include "base/core.h"
+#include "image/image_oiio.h"
 #include "sparegs/image.h"
 #include "base/threads.h"
 
@@ -145,11 +146,12 @@ static int brightness(const sgs_image8 *mask, size_t at, size_t plane)
     return largest;
 }
 
-// Mean of the colour channels, times a straight alpha.
+// Mean of the colour channels, times a straight alpha; at least 1 unless that is 0.
 static int whiteness(const sgs_image8 *mask, size_t at, size_t plane)
 {
     const int sum = mask->pixels[at] + mask->pixels[plane + at] + mask->pixels[2 * plane + at];
-    return mask->channels == 4 ? sum * mask->pixels[3 * plane + at] / (3 * 255) : sum / 3;
+    const int scaled = mask->channels == 4 ? sum * mask->pixels[3 * plane + at] : sum * 255;
+    return scaled && scaled < 3 * 255 ? 1 : scaled / (3 * 255);
 }
 
 // The lowest valid value. Masks of 0 and 1, or of labels, are read as COLMAP does: all but 0 is
@@ -170,7 +172,9 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bo
 {
     sgs_image8 mask;
     *excludes = false;
-    sgs_status status = sgs_image8_read(file->path, &mask);
+    sgs_status status = sgsi_image_check_complete(file->path);
+    if (!status)
+        status = sgsi_oiio_read(file->path, true, &mask);
     if (status)
         return status;
     // Downscaled photos may have full-size masks; their sizes were rounded to whole pixels.

@@ -128,7 +128,7 @@ sgsi_image_info sgsi_photo_display(const sgsi_image_info *file)
 // Call sgsi_image_check_complete before.
 static sgs_status read_pixels(const sgsi_photo_source *source, sgs_image8 *image)
 {
-    sgs_status status = sgsi_oiio_read(source->image_path, image);
+    sgs_status status = sgsi_oiio_read(source->image_path, false, image);
     if (status || (source->width == image->width && source->height == image->height))
         return status;
     sgs_image8 reduced;

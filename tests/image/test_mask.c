@@ -14,6 +14,7 @@
 
 #include "image/mask.h"
 #include "support/bad_input.h"
+#include "support/png_bytes.h"
 #include "support/scene_support.h"
 #include "sparegs/trainer.h"
 
@@ -163,6 +164,34 @@ static void masks_of_small_values_exclude_zeros(void **state)
         assert_string_equal(warnings, "");
         sgs_scene_destroy(scene);
     }
+    tree_remove(&folder);
+}
+
+// Labels of 16 bits, of which 128 is still rounded to 0 of 255, and labels of one channel.
+static void labels_of_any_depth_are_valid(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    static uint16_t labels[WIDTH * HEIGHT], colors[3 * WIDTH * HEIGHT];
+    for (int y = 0; y < HEIGHT; ++y)
+        for (int x = 0; x < WIDTH; ++x) {
+            const bool inside = x >= 8 && x < 24 && y >= 8 && y < 16;
+            labels[y * WIDTH + x] = inside ? 0 : (uint16_t)(1 + x * 2);
+            colors[3 * (y * WIDTH + x) + 2] = !inside;
+        }
+    png_put(&folder, "masks/a.png", &(png_file){WIDTH, HEIGHT, 1, 16, 0, labels});
+    png_put(&folder, "masks/b.png", &(png_file){WIDTH, HEIGHT, 3, 8, 0, colors});
+    uint32_t words[WIDTH * HEIGHT];
+    for (int i = 0; i < WIDTH * HEIGHT; ++i)
+        words[i] = labels[i];
+    tiff_put(&folder, "masks/sub/c.png", &(tiff){WIDTH, HEIGHT, 1, 32, 1, 1, 0}, words,
+             sizeof words);
+    const sgs_scene_options options = sgs_scene_options_default();
+    sgs_scene *scene = load(&folder, &options);
+    assert_hole(photo_of(scene, "a.png"), 8, 8, 24, 16, false);
+    assert_hole(photo_of(scene, "b.png"), 8, 8, 24, 16, false);
+    assert_hole(photo_of(scene, "sub/c.png"), 8, 8, 24, 16, false);
+    sgs_scene_destroy(scene);
     tree_remove(&folder);
 }
 
@@ -583,6 +612,7 @@ int main(void)
         cmocka_unit_test_setup(masks_are_found_under_all_names, warnings_begin),
         cmocka_unit_test_setup(options_select_invert_and_disable_masks, warnings_begin),
         cmocka_unit_test_setup(masks_of_small_values_exclude_zeros, warnings_begin),
+        cmocka_unit_test_setup(labels_of_any_depth_are_valid, warnings_begin),
         cmocka_unit_test_setup(masks_of_instant_ngp_exclude_all_but_black, warnings_begin),
         cmocka_unit_test_setup(inversion_that_excludes_nothing_is_reported, warnings_begin),
         cmocka_unit_test_setup(camera_files_name_masks, warnings_begin),

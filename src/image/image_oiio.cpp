@@ -124,7 +124,30 @@ bool is_webp(const char *path)
            !std::memcmp(head, "RIFF", 4) && !std::memcmp(head + 8, "WEBP", 4);
 }
 
-sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input, Layout &layout)
+// OpenImageIO takes what follows a '?' in a path for options of the reader. So such a file is
+// opened by a reader that is chosen here: that of its extension, else the first that recognises the
+// file.
+std::unique_ptr<OIIO::ImageInput> open_by_format(const std::string &path,
+                                                 const std::string &formats,
+                                                 const OIIO::ImageSpec &config, std::string &error)
+{
+    std::string names = OIIO::Filesystem::extension(path, false) + "," + formats;
+    for (char *next = &names[0], *name; (name = strsep(&next, ","));) {
+        auto input = *name ? OIIO::ImageInput::create(name) : nullptr;
+        OIIO::ImageSpec spec;
+        if (!input || !input->valid_file(path))
+            continue;
+        if (input->open(path, spec, config))
+            return input;
+        error = input->geterror();
+        return nullptr;
+    }
+    (void)OIIO::geterror(); // of names that are no formats
+    error = "no reader of OpenImageIO recognises its format";
+    return nullptr;
+}
+
+sgs_status open_file(const char *path, std::unique_ptr<OIIO::ImageInput> &input)
 {
     struct stat info;
     if (stat(path, &info))
@@ -140,11 +163,19 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     // it, and JPEG 2000, which is always straight then.
     OIIO::ImageSpec config;
     config.attribute("oiio:UnassociatedAlpha", int(!is_webp(path)));
-    auto opened = OIIO::ImageInput::open(path, &config);
-    if (!opened)
-        return unreadable(path, OIIO::geterror());
-    opened->threads(1); // the caller reads several images in parallel
-    const OIIO::ImageSpec &spec = opened->spec();
+    std::string error;
+    input = std::strchr(path, '?') ? open_by_format(path, formats, config, error)
+                                   : OIIO::ImageInput::open(path, &config);
+    if (!input)
+        return unreadable(path, error.empty() ? OIIO::geterror() : error);
+    input->threads(1); // the caller reads several images in parallel
+    return SGS_STATUS_OK;
+}
+
+// Checks the current part of a file and finds its channels.
+sgs_status find_layout(const char *path, const OIIO::ImageInput &input, Layout &layout)
+{
+    const OIIO::ImageSpec &spec = input.spec();
     if (spec.width < 1 || spec.height < 1 || spec.width > max_size || spec.height > max_size ||
         int64_t(spec.width) * spec.height > max_pixels)
         return sgsi_fail(SGS_STATUS_LIMIT,
@@ -153,10 +184,15 @@ sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input
     if (spec.deep || spec.nchannels < 1 || spec.depth > 1)
         return sgsi_fail(SGS_STATUS_UNSUPPORTED, "%s: not a flat two-dimensional image", path);
     layout = layout_of(spec);
-    if (std::strcmp(opened->format_name(), "jpeg2000") == 0)
+    if (std::strcmp(input.format_name(), "jpeg2000") == 0)
         layout.associated = false;
-    input = std::move(opened);
     return SGS_STATUS_OK;
+}
+
+sgs_status open_image(const char *path, std::unique_ptr<OIIO::ImageInput> &input, Layout &layout)
+{
+    const sgs_status opened = open_file(path, input);
+    return opened ? opened : find_layout(path, *input, layout);
 }
 
 // One sample as a value in [0, 1].
@@ -250,14 +286,14 @@ sgs_status slab_height(const char *path, const OIIO::ImageSpec &spec, const Layo
 bool read_slab(OIIO::ImageInput &input, const OIIO::ImageSpec &spec, const Layout &layout, int y,
                int end, void *slab)
 {
-    const int channel_end = layout.first + layout.read;
+    const int channel_end = layout.first + layout.read, part = input.current_subimage();
     // OpenImageIO converts scanlines in a buffer of 16 MB, unless no type is given.
     const bool native = layout.type == spec.format && spec.channelformats.empty();
     const OIIO::TypeDesc type = native ? OIIO::TypeDesc() : layout.type;
     return spec.tile_width > 0
-               ? input.read_tiles(0, 0, spec.x, spec.x + spec.width, spec.y + y, spec.y + end,
+               ? input.read_tiles(part, 0, spec.x, spec.x + spec.width, spec.y + y, spec.y + end,
                                   spec.z, spec.z + 1, layout.first, channel_end, layout.type, slab)
-               : input.read_scanlines(0, 0, spec.y + y, spec.y + end, spec.z, layout.first,
+               : input.read_scanlines(part, 0, spec.y + y, spec.y + end, spec.z, layout.first,
                                       channel_end, type, slab);
 }
 
@@ -282,47 +318,119 @@ sgs_status read_pixels(const char *path, OIIO::ImageInput &input, const Layout &
 
 // ---- Rows of floats ----
 
-// Uses the colour channels of an EXR file. The note says which of several layers they are.
-bool find_exr_channels(const OIIO::ImageSpec &spec, Layout &layout, std::string &note)
+// A flat channel of an EXR file. Those of a file with several parts are named PART.CHANNEL, so that
+// each part is a layer.
+struct ExrChannel {
+    std::string name;
+    size_t prefix;   // length of "PART."
+    int part, place; // place: index in the part
+};
+
+std::vector<ExrChannel> list_exr_channels(OIIO::ImageInput &input)
+{
+    std::vector<ExrChannel> out;
+    int count = 0;
+    while (input.seek_subimage(count, 0))
+        ++count;
+    (void)input.geterror(); // of the part after the last one
+    for (int part = 0; part < count && input.seek_subimage(part, 0); ++part) {
+        const OIIO::ImageSpec &spec = input.spec();
+        const std::string name = spec.get_string_attribute("oiio:subimagename"),
+                          layer = name.empty() ? "part " + std::to_string(part) : name,
+                          prefix = count > 1 ? layer + "." : "";
+        for (int c = 0; c < spec.nchannels && !spec.deep; ++c)
+            out.push_back({prefix + spec.channelnames[size_t(c)], prefix.size(), part, c});
+    }
+    return out;
+}
+
+// Chooses among the channels [begin, end). False if they have no colours, or those of several
+// parts.
+bool choose_exr_channels(const std::vector<ExrChannel> &channels, size_t begin, size_t end,
+                         bool with_parts, sgsi_exr_colors &colors)
 {
     std::vector<const char *> names;
-    for (const std::string &name : spec.channelnames)
-        names.push_back(name.c_str());
-    sgsi_exr_colors colors;
+    for (size_t c = begin; c < end; ++c)
+        names.push_back(channels[c].name.c_str() + (with_parts ? 0 : channels[c].prefix));
     if (!sgsi_exr_find_colors(names.data(), int(names.size()), &colors))
         return false;
-    const int *const found = colors.channels;
-    layout.channels = found[3] >= 0 ? 4 : 3;
+    bool one_part = true;
+    for (int &c : colors.channels) {
+        c += c < 0 ? 0 : int(begin);
+        one_part &= c < 0 || channels[size_t(c)].part == channels[size_t(*colors.channels)].part;
+    }
+    return one_part;
+}
+
+// The colours of the layers of all parts, else the grey of the first part that has it.
+bool find_exr_colors(const std::vector<ExrChannel> &channels, sgsi_exr_colors &colors)
+{
+    bool found = choose_exr_channels(channels, 0, channels.size(), true, colors);
+    for (size_t begin = 0, end; begin < channels.size() && !found; begin = end) {
+        end = begin + 1;
+        while (end < channels.size() && channels[end].part == channels[begin].part)
+            ++end;
+        found = choose_exr_channels(channels, begin, end, false, colors);
+    }
+    return found;
+}
+
+std::string names_of(const std::vector<ExrChannel> &channels)
+{
+    std::vector<std::string> names;
+    for (const ExrChannel &channel : channels)
+        names.push_back(channel.name);
+    return joined(names);
+}
+
+// Uses the colour channels of an EXR file and seeks to their part. The note says which of several
+// layers they are.
+sgs_status find_exr_channels(const char *path, OIIO::ImageInput &input, Layout &layout,
+                             std::string &note)
+{
+    const std::vector<ExrChannel> channels = list_exr_channels(input);
+    sgsi_exr_colors colors;
+    const bool found = find_exr_colors(channels, colors);
+    const int *const chosen = colors.channels;
+    if (!input.seek_subimage(found ? channels[size_t(*chosen)].part : 0, 0))
+        return unreadable(path, input.geterror());
+    const sgs_status checked = find_layout(path, input, layout);
+    if (checked)
+        return checked;
+    if (!found)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: no colour channels R, G, B or Y; the channels are %s", path,
+                         names_of(channels).c_str());
+    layout.channels = chosen[3] >= 0 ? 4 : 3;
     layout.associated = layout.channels == 4;
     layout.cmyk = false; // the channels found are colours, whatever the others are
-    const int *const sources_end = found + layout.channels;
-    layout.first = *std::min_element(found, sources_end);
-    layout.read = 1 + *std::max_element(found, sources_end) - layout.first;
     for (int c = 0; c < layout.channels; ++c)
-        layout.source[c] = found[c] - layout.first;
-    const char *const red = names[size_t(found[0])];
+        layout.source[c] = channels[size_t(chosen[c])].place;
+    int *const sources_end = layout.source + layout.channels;
+    layout.first = *std::min_element(layout.source, sources_end);
+    layout.read = 1 + *std::max_element(layout.source, sources_end) - layout.first;
+    for (int c = 0; c < layout.channels; ++c)
+        layout.source[c] -= layout.first;
+    const char *const red = channels[size_t(*chosen)].name.c_str();
     const std::string layer(red, size_t(sgsi_exr_layer_length(red)));
     if (colors.rgb_layers > 1)
         note = std::to_string(colors.rgb_layers) + " layers have R, G and B; '" +
                one_line(layer.substr(0, max_shown)) +
                "' is used; to select another one, name it Combined";
-    return true;
+    return SGS_STATUS_OK;
 }
 
 sgs_status open_photo(const char *path, const char *colorspace,
                       std::unique_ptr<OIIO::ImageInput> &input, Layout &layout, Colors &colors)
 {
-    const sgs_status opened = open_image(path, input, layout);
-    if (opened)
-        return opened;
-    const OIIO::ImageSpec &spec = input->spec();
+    sgs_status status = open_file(path, input);
+    const bool is_exr = !status && std::strcmp(input->format_name(), "openexr") == 0;
+    if (is_exr)
+        status = find_exr_channels(path, *input, layout, colors.notes[SGSI_NOTE_LAYER]);
+    else if (!status)
+        status = find_layout(path, *input, layout);
     layout.type = OIIO::TypeDesc::FLOAT;
-    const bool is_exr = std::strcmp(input->format_name(), "openexr") == 0;
-    if (is_exr && !find_exr_channels(spec, layout, colors.notes[SGSI_NOTE_LAYER]))
-        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: no colour channels R, G, B or Y; the channels are %s", path,
-                         joined(spec.channelnames).c_str());
-    return choose_colors(path, spec, is_exr, colorspace, colors);
+    return status ? status : choose_colors(path, input->spec(), is_exr, colorspace, colors);
 }
 
 // Decodes a row if required and premultiplies it.

@@ -182,6 +182,31 @@ static void gamma_of_srgb_is_srgb(void **state)
     tree_remove(&folder);
 }
 
+// OpenImageIO takes "?b.png" for options of its reader.
+static void names_with_question_marks_are_read(void **state)
+{
+    (void)state;
+    static const uint8_t color[3] = {250, 120, 10};
+    static const char *const names[] = {"a?b.png", "a?b=1&c=2.png", "what?/a.png", "png?",
+                                        "misnamed?.jpg"};
+    const temp_folder folder = temp_folder_make();
+    tree_put_picture(&folder, "a.png", 1, 1, 3, color);
+    size_t size;
+    unsigned char *bytes = file_get(temp_path(&folder, "a.png"), &size);
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        tree_put(&folder, names[k], bytes, size);
+        assert_pixel(&folder, names[k], 3, color);
+    }
+    sgs_image8 image;
+    tree_put_text(&folder, "a?.png", "no image");
+    assert_int_equal(sgs_image8_read(temp_path(&folder, "a?.png"), &image), SGS_STATUS_FORMAT);
+    assert_holds(sgs_last_error(), "a?.png: cannot read the image: no reader of OpenImageIO "
+                                   "recognises its format");
+    bad_input();
+    free(bytes);
+    tree_remove(&folder);
+}
+
 static void palettes_are_expanded(void **state)
 {
     (void)state;
@@ -515,6 +540,7 @@ int main(void)
         cmocka_unit_test(straight_alpha_is_read_from_jpeg2000_and_webp),
         cmocka_unit_test(gamma_of_srgb_is_srgb),
         cmocka_unit_test(srgb_is_the_transfer_function_of_the_standard),
+        cmocka_unit_test(names_with_question_marks_are_read),
         cmocka_unit_test(palettes_are_expanded),
         cmocka_unit_test(photos_keep_rows_and_planes),
         cmocka_unit_test(png_round_trips_bit_by_bit),

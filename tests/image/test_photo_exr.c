@@ -131,6 +131,85 @@ static void a_scene_warns_once_of_layers(void **state)
     tree_remove(&folder);
 }
 
+typedef struct part_rows {
+    int next, channels;
+    float values[8];
+} part_rows;
+
+static void keep_part_row(void *context, int y, const float *row)
+{
+    part_rows *rows = context;
+    assert_int_equal(y, rows->next++);
+    memcpy(rows->values + 2 * y * rows->channels, row,
+           2 * (size_t)rows->channels * sizeof *rows->values);
+}
+
+// Each part is a layer; the picture may be in any part, whose size and attributes are its own.
+static void parts_are_layers(void **state)
+{
+    (void)state;
+    static const float ones[4] = {1, 1, 1, 1}, planes[4][2] = {{1, 0.5f}, {3, 4}, {5, 6}, {7, 8}};
+    const exr_file normals = {.part = "normals",
+                              .width = 2,
+                              .height = 2,
+                              .count = 3,
+                              .names = {"B", "G", "R"},
+                              .planes = {ones, ones, ones}},
+                   depth = {.part = "depth",
+                            .width = 2,
+                            .height = 2,
+                            .count = 1,
+                            .names = {"Z"},
+                            .planes = {ones}},
+                   picture = {.part = "ViewLayer.Combined",
+                              .data = {1, 1, 2, 1},
+                              .display = {0, 0, 3, 2},
+                              .width = 2,
+                              .height = 1,
+                              .count = 4,
+                              .names = {"A", "B", "G", "R"},
+                              .planes = {planes[0], planes[1], planes[2], planes[3]},
+                              .interop = "lin_rec709_scene"},
+                   grey = {.part = "grey",
+                           .display = {0, 0, 1, 1},
+                           .width = 2,
+                           .height = 1,
+                           .count = 1,
+                           .names = {"Y"},
+                           .planes = {planes[1]}};
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "a.exr");
+    exr_file parts[3] = {normals, depth, picture};
+    sgsi_image_info info;
+    for (int k = 0; k < 2; ++k)
+        for (int i = 0; i < 4; ++i)
+            parts[k].display[i] = picture.display[i]; // shared by all parts
+    exr_put_parts(&folder, "a.exr", parts, 3);
+    if (sgsi_oiio_describe(path, NULL, &info))
+        fail_msg("%s", sgs_last_error());
+    assert_true(info.width == 2 && info.height == 1 && info.channels == 4 && info.left == 1);
+    assert_string_equal(info.notes[SGSI_NOTE_LAYER],
+                        "2 layers have R, G and B; 'ViewLayer.Combined' is used; to select another "
+                        "one, name it Combined");
+    part_rows rows = {.channels = 4};
+    assert_int_equal(sgsi_oiio_read_rows(path, NULL, keep_part_row, &rows), SGS_STATUS_OK);
+    assert_memory_equal(rows.values, ((const float[]){7, 5, 3, 1, 8, 6, 4, 0.5f}),
+                        8 * sizeof(float));
+    exr_put_parts(&folder, "a.exr", (const exr_file[]){depth, grey}, 2);
+    rows = (part_rows){.channels = 3};
+    if (sgsi_oiio_read_rows(path, NULL, keep_part_row, &rows))
+        fail_msg("%s", sgs_last_error());
+    assert_memory_equal(rows.values, ((const float[]){3, 3, 3, 4, 4, 4}), 6 * sizeof(float));
+    exr_file other = depth;
+    other.part = "fog";
+    exr_put_parts(&folder, "a.exr", (const exr_file[]){depth, other}, 2);
+    assert_int_equal(sgsi_oiio_describe(path, NULL, &info), SGS_STATUS_UNSUPPORTED);
+    assert_holds(sgs_last_error(), "a.exr: no colour channels R, G, B or Y; the channels are "
+                                   "depth.Z, fog.Z");
+    bad_input();
+    tree_remove(&folder);
+}
+
 // To Rec. 709 by Bradford's cone responses, in rational arithmetic (Python) from the chromaticities
 // of the recommendation.
 static const double matrices[6][3][3] = {
@@ -511,6 +590,7 @@ int main(void)
         cmocka_unit_test_setup(the_white_point_is_that_of_the_display_window, warnings_begin),
         cmocka_unit_test_setup(cameras_of_the_data_window_keep_it, warnings_begin),
         cmocka_unit_test_setup(large_display_windows_are_refused, warnings_begin),
+        cmocka_unit_test(parts_are_layers),
         cmocka_unit_test(the_layer_of_the_picture_is_preferred),
         cmocka_unit_test_setup(a_scene_warns_once_of_layers, warnings_begin),
     };

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 # The figures of eval: equal to those of the library for the saved images, equal in summary.json, independent of masked
-# pixels, and undefined where the photo is flat.
+# pixels, and undefined where the photo is flat. Images beyond the image cache are decoded ahead.
 set -euo pipefail
 . "$(dirname "$0")/cli_support.sh"
 model=$temporary/model
@@ -136,5 +136,13 @@ json "$temporary/stdout" '.mean.sharpness == null and .mean.psnr > 0'
 run 0 eval "$model" "$temporary/flat" --test-images 0009.jpg
 check a_flat_photo_has_no_sharpness grep -qE '^PSNR .*, sharpness - over 1 images' "$temporary/stdout"
 check its_row_has_none grep -qE '^0009.* -$' "$temporary/stdout"
+
+# eval_decodes_images_ahead (a cache of about three of the 35 images)
+if [ "$(uname)" = Linux ]; then
+    mkdir "$temporary/ahead"
+    last_command="sparegs eval --image-cache 100000"
+    check images_are_opened_ahead python3 "$SPAREGS_SOURCE/tests/cli/opened_ahead.py" "$room/images" "$temporary/ahead" \
+        "$program" eval "$model" "$room" --split all --save "$temporary/ahead" --image-cache 100000 --threads 2 --quiet
+fi
 
 finish

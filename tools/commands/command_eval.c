@@ -268,8 +268,10 @@ static bool evaluate_all(evaluator *evaluation, const image_choice *images, cons
     if (group_ranks())
         done = evaluate_on_ranks(evaluation, split, save ? &folder : NULL, list, &sum);
     for (size_t v = 0; v < count && done && !interrupt_signal() && !group_ranks(); ++v)
-        if (view_in_split(&views[v], split))
+        if (view_in_split(&views[v], split)) {
+            evaluate_prefetch(evaluation->scene, split, v + 1, 0);
             done = evaluate_one(evaluation, v, save ? &folder : NULL, list, &sum);
+        }
     file_stems_free(stems, count);
     if (!done || interrupt_signal()) {
         if (json_array_size(list)) { // the scores so far

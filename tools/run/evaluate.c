@@ -268,9 +268,7 @@ void split_score_finish(split_score *sum)
                      sum->mean.lpips / images, sum->mean.seconds / images};
 }
 
-// Decodes the next photos of this rank in advance: of the views of the split from `next` on, the
-// ones that a pass over them in steps of the number of ranks reaches, `first` of them skipped.
-static void prefetch_photos(const sgs_scene *scene, sgs_split split, size_t next, size_t first)
+void evaluate_prefetch(const sgs_scene *scene, sgs_split split, size_t next, size_t first)
 {
     const size_t count = (size_t)group_count(), ahead = sgs_scene_prefetch_count(scene);
     size_t passed = 0, requested = 0;
@@ -303,7 +301,7 @@ static bool score_own(evaluator *evaluation, sgs_split split, const char *label,
             continue;
         if (label)
             progress_count(label, i, total);
-        prefetch_photos(evaluation->scene, split, v + 1, count - 1);
+        evaluate_prefetch(evaluation->scene, split, v + 1, count - 1);
         view_images images = {0};
         done = evaluate_view(evaluation, view, &scores[v].score, save ? &images : NULL);
         done = done && (!save || save(context, v, &images));
@@ -363,7 +361,7 @@ static bool score_together(evaluator *evaluation, sgs_split split, const char *l
         if (label)
             progress_count(label, number, total);
         count = next_views(scene, split, &next, views);
-        prefetch_photos(scene, split, next, (size_t)sgs_ranks_rank(group_ranks()));
+        evaluate_prefetch(scene, split, next, (size_t)sgs_ranks_rank(group_ranks()));
         done = !count || score_round(evaluation, views, count, scores);
         number += count;
     }

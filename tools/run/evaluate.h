@@ -58,6 +58,10 @@ bool evaluate_view(evaluator *evaluation, const sgs_view *view, view_score *scor
                    view_images *images);
 void view_images_free(view_images *images);
 
+// Decodes the next photos of this rank in advance: of the views of the split from `next` on, the
+// ones that a pass over them in steps of the number of ranks reaches, `first` of them skipped.
+void evaluate_prefetch(const sgs_scene *scene, sgs_split split, size_t next, size_t first);
+
 // PSNR of an image that is identical to its photo in the mean of a split: the mean of an
 // infinite value would be infinite.
 #define IDENTICAL_PSNR 100.0

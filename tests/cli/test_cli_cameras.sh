@@ -612,6 +612,8 @@ real_path=$PATH
 PATH=$temporary/bin:$PATH
 run 0 render "$model" "$room" --orbit 3 --size 33x20 --video "$temporary/film;x.mp4" --fps 24
 prints "$temporary/film;x.mp4"
+reports "film;x.mp4: videos have even sizes: the frames of 33 x 20 pixels have a black border on the right or below, 34 x 20 in total"
+check padded grep -q '^pad=' "$temporary/arguments"
 check three_frames_of_bytes test "$(tr -d ' ' <"$temporary/film;x.mp4")" = $((3 * 33 * 20 * 3))
 check threads_of_the_encoder_are_fixed test "$(grep -xA1 -- -threads "$temporary/arguments" | tail -n 1)" = 16
 check size_and_rate bash -c "grep -qx 33x20 '$temporary/arguments' && grep -qx 24/1 '$temporary/arguments'"
@@ -621,6 +623,10 @@ check no_leftover test "$(find "$temporary" -maxdepth 1 '(' -name '.*' -type f -
 check names_with_colons_are_no_protocols grep -qxE "file:.*film;x\.mp4\.tmp\.[0-9]+\.mp4" "$temporary/arguments"
 run 0 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/ntsc.mp4" --fps 23.976
 check rate_of_the_exr_files grep -qx 24000/1001 "$temporary/arguments"
+run 0 render "$model" "$room" --orbit 2 --size 33x21 --video "$temporary/odd.gif"
+check gif_is_not_padded bash -c "! grep -q 'pad=' '$temporary/arguments' && ! grep -q even '$temporary/stderr'"
+run 0 render "$model" "$room" --orbit 2 --size 34x20 --video "$temporary/even.mp4"
+check even_sizes_need_no_note bash -c "! grep -q even '$temporary/stderr'"
 run 0 render "$model" "$room" --orbit 2 --size 33x20 --aov rgba --video "$temporary/near.mp4" --fps 24.0004 -o "$temporary/near"
 check rate_of_the_video_is_rounded grep -qx 24/1 "$temporary/arguments"
 check rate_of_the_exr_files bash -c "exrheader '$temporary/near/orbit_00000.exr' | grep -q '^framesPerSecond (type rational): 24/1'"
@@ -628,7 +634,7 @@ run 0 render "$model" --camera "$temporary/path.json" --video "$temporary/path.m
 check rate_of_the_path grep -qx 12/1 "$temporary/arguments"
 check rate_of_the_path_in_exr bash -c "exrheader '$temporary/path/frame_00000.exr' | grep -q '^framesPerSecond (type rational): 12/1'"
 check frames_too test "$(pictures "$temporary/both" png)" = 'frame_00000.png '
-FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 33x20 --video "$temporary/bad.mp4"
+FFMPEG_FAILS=1 run 1 render "$model" "$room" --orbit 2 --size 34x20 --video "$temporary/bad.mp4"
 one_line
 reports "bad.mp4: ffmpeg failed: no such encoder"
 check no_video test ! -e "$temporary/bad.mp4"

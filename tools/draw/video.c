@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Sends raw RGB frames to ffmpeg's standard input. H.264 with 4:2:0 chroma, which all players
-// support, requires even sizes, so odd sizes are padded. ffmpeg is started by argument vector,
-// never through a shell, and writes a temporary file that is renamed on success. Its messages go to
-// a temporary file; the last line is reported on failure.
+// support, requires even sizes, so odd sizes are padded, with a note; GIF does not. ffmpeg is
+// started by argument vector, never through a shell, and writes a temporary file that is renamed on
+// success. Its messages go to a temporary file; the last line is reported on failure.
 //
 // ffmpeg converts RGB by the matrix of BT.601 and does not record it, but players take unmarked HD
 // for BT.709. So the frames are converted to BT.709 and marked, where the format permits it: with
@@ -89,6 +89,12 @@ static bool move_temporary(const video *film)
     return moved;
 }
 
+static bool is_gif(const char *path)
+{
+    const char *extension = strrchr(path, '.');
+    return extension && !strcasecmp(extension, ".gif");
+}
+
 // True if ffmpeg records the colour space in files of this format.
 static bool records_colors(const char *path)
 {
@@ -113,7 +119,7 @@ static void run_ffmpeg(const video *film, double fps, int input)
     const bool marked = records_colors(film->file.path);
     if (film->aspect != 1)
         snprintf(shape, sizeof shape, ",setsar=r=%.6g:max=1000", film->aspect);
-    snprintf(filters, sizeof filters, "%s%s%s", EVEN_SIZE,
+    snprintf(filters, sizeof filters, "%s%s%s", is_gif(film->file.path) ? "null" : EVEN_SIZE,
              marked ? ",scale=out_color_matrix=bt709:out_range=tv" : "", shape);
     const char *primaries = marked ? "bt709" : "unknown",
                *curve = marked ? "iec61966-2-1" : "unknown";
@@ -170,6 +176,14 @@ static void free_film(video *film)
     free(film);
 }
 
+static void note_padding(const char *path, int width, int height)
+{
+    if ((width % 2 || height % 2) && !is_gif(path))
+        print_note("%s: videos have even sizes: the frames of %d x %d pixels have a black border "
+                   "on the right or below, %d x %d in total; use --size with even numbers",
+                   path, width, height, width + width % 2, height + height % 2);
+}
+
 video *video_open(const char *path, int width, int height, double aspect, double fps)
 {
     int ends[2];
@@ -202,8 +216,10 @@ video *video_open(const char *path, int width, int height, double aspect, double
     }
     close(ends[0]);
     film->pipe = ends[1];
-    if (film->child > 0)
+    if (film->child > 0) {
+        note_padding(path, width, height);
         return film;
+    }
     fail_run("%s: cannot start ffmpeg: %s", path, strerror(errno));
     close(ends[1]);
     free_film(film);

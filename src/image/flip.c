@@ -28,7 +28,8 @@
 #define PI 3.14159265358979323846
 
 enum {
-    MAX_RADIUS = 512,
+    MAX_RADIUS = 500, // of the filters at MAX_PIXELS_PER_DEGREE
+    MAX_PIXELS_PER_DEGREE = 3700,
     COLOR_FILTERS = 4,   // Y, Cx, and the two Gaussians of Cz
     FEATURE_FILTERS = 3, // Gaussian, its first and its second derivative
     PLANES = COLOR_FILTERS + FEATURE_FILTERS,
@@ -444,10 +445,10 @@ sgs_status sgs_flip(const sgs_image8 *reference, const sgs_image8 *test, const u
         reference->channels < 3 || test->channels < 3)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "FLIP: images differ in size or lack colour");
     const double radius = ceil(3.0 * sqrt(0.04 / (2.0 * PI * PI)) * pixels_per_degree);
-    if (!(pixels_per_degree > 0.0) || !(radius <= MAX_RADIUS))
+    if (!(pixels_per_degree > 0.0) || !(pixels_per_degree <= MAX_PIXELS_PER_DEGREE))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "FLIP: %g pixels per degree are out of range (0, 3700]",
-                         pixels_per_degree);
+                         "FLIP: %g pixels per degree are out of range (0, %d]", pixels_per_degree,
+                         MAX_PIXELS_PER_DEGREE);
     const double sigma = 0.5 * 0.082 * pixels_per_degree;
     flip_job *job = sgsi_calloc(1, sizeof *job);
     const bool ready = job && prepare(job, reference, (int)radius, (int)ceil(3.0 * sigma), !map);

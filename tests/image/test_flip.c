@@ -120,9 +120,10 @@ static void flip_is_the_same_on_any_number_of_threads_and_refuses_bad_input(void
     }
     sgs_threads_set(0);
     assert_true(mean[0] == mean[1] && mean[0] == mean[2]);
-    const double wrong[] = {0, -1, NAN, INFINITY, 4000};
+    const double wrong[] = {0, -1, NAN, INFINITY, 4000, 3700.1};
     for (size_t k = 0; k < sizeof wrong / sizeof *wrong; ++k)
         assert_int_equal(sgs_flip(&a, &b, NULL, wrong[k], NULL, mean), SGS_STATUS_INVALID_ARGUMENT);
+    assert_int_equal(sgs_flip(&a, &b, NULL, 3700, NULL, mean), SGS_STATUS_OK);
     b.width = WIDTH - 1;
     assert_int_equal(sgs_flip(&a, &b, NULL, 67, NULL, mean), SGS_STATUS_INVALID_ARGUMENT);
     assert_true(isnan(sgs_sharpness(&a, &b, NULL)));

@@ -387,10 +387,10 @@ static sgs_status fill(sgsi_rays *rays, direction_map *map, int macrotile_side)
     while (macrotile_side && !fill_tiles(rays, map, macrotile_side))
         macrotile_side /= 2;
     if (!macrotile_side)
-        return sgsi_fail(
-            SGS_STATUS_UNSUPPORTED,
-            "%dx%d image is too small for its lens: %d pixels span more than 174 degrees",
-            camera->width, camera->height, SGSI_TILE);
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "a tile of %d x %d pixels covers more than 174 degrees of this lens; "
+                         "render a larger image",
+                         SGSI_TILE, SGSI_TILE);
     const int macrotile = macrotile_side * SGSI_TILE;
     rays->macrotile_side = macrotile_side;
     rays->macrotiles_x = (camera->width + macrotile - 1) / macrotile;

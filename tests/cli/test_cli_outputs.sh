@@ -85,7 +85,7 @@ for text in 'R (float)' 'A (float)' 'depth.Z (float)' 'N.X (float)' 'N.Z (float)
     check "all has $text" grep -qF "$text" "$temporary/info"
 done
 info_of axis
-check axis_depth_is_defined grep -q "along the camera's axis" "$temporary/info"
+check axis_depth_is_defined grep -qF "camera-space Z (distance from the camera plane, not along the ray), weighted" "$temporary/info"
 check compression_is_chosen grep -q 'compression: "piz"' "$temporary/info"
 info_of dwaa
 for text in 'compression: "dwaa"' 'primitive.id (uint)' 'N.X (float)' 'chromaticities: 0.64' worldToNDC sparegs:depthDefinition; do

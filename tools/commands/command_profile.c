@@ -70,7 +70,8 @@ static const option profile_options[] = {
      .high = 16,
      .argument = "N",
      .initial = "0",
-     .help = "use N views on a circle around the point that the cameras look at instead; 0 = off"},
+     .help =
+         "use N views on a level orbit around the point that the views look at instead; 0 = off"},
     {.name = "refits",
      .kind = OPTION_INTEGER,
      .offset = AT(refits),

@@ -64,7 +64,8 @@ const option render_options[RENDER_OPTIONS] = {
      .argument = "N",
      .shown = "none",
      .unit = "frames",
-     .help = "render N frames on a circle around the point that the views of SCENE look at"},
+     .help = "render N frames on a level orbit around the point that the views of SCENE look at; "
+             "distance and height follow the views"},
     {.name = "spiral",
      .kind = OPTION_INTEGER,
      .offset = AT(spiral),
@@ -83,7 +84,8 @@ const option render_options[RENDER_OPTIONS] = {
      .shown = "the arc spanned by the cameras",
      .unit = "degrees",
      .needs = "orbit",
-     .help = "angle of the orbit, centred on the arc spanned by the cameras"},
+     .help = "angle of the orbit, centred on the arc spanned by the cameras (with cameras all "
+             "around: starting at the first view)"},
     {.name = "path-lens",
      .kind = OPTION_CHOICE,
      .offset = AT(path_lens),
@@ -180,8 +182,8 @@ const option render_options[RENDER_OPTIONS] = {
      .argument = "ray|z",
      .initial = "ray",
      .needs = "output&aov=depth|aov=depth_first|aov=depth_median|deep",
-     .help = "depth is the distance along the ray or along the camera axis; deep images are "
-             "usually merged with z"},
+     .help = "ray: distance from the camera centre; z: depth along the viewing axis (camera Z), as "
+             "compositing programs expect in deep images"},
     {.name = "depth-range",
      .kind = OPTION_TEXT,
      .offset = AT(depth_range),
@@ -189,7 +191,7 @@ const option render_options[RENDER_OPTIONS] = {
      .shown = "the 1 % to 99 % quantiles over all frames",
      .unit = "scene units",
      .needs = "output&format=png&aov=depth|aov=depth_first|aov=depth_median",
-     .help = "distances of the first and the last colour in the depth PNGs of all frames"},
+     .help = "distances mapped to the darkest and the brightest colour of the depth PNGs"},
     {.name = "format",
      .kind = OPTION_CHOICE,
      .offset = AT(format),

@@ -46,14 +46,14 @@
 
 static const char ray_depth[] = DEPTHS("along the unit ray from the camera centre");
 static const char axis_depth[] =
-    DEPTHS("along the camera's axis (z, perpendicular to the image plane)");
+    DEPTHS("as camera-space Z (distance from the camera plane, not along the ray)");
 
 static const char deep_ray_depth[] =
     "Z, ZBack: first and last hit of a sample, along the unit ray from the camera "
     "centre, scene units";
 static const char deep_axis_depth[] =
-    "Z, ZBack: first and last hit of a sample, along the camera's axis (z, "
-    "perpendicular to the image plane), scene units";
+    "Z, ZBack: first and last hit of a sample, camera-space Z (distance from the camera plane, "
+    "not along the ray), scene units";
 
 static const char flat_suffix[] = ".exr", deep_suffix[] = ".deep.exr";
 

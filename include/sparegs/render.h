@@ -111,9 +111,15 @@ typedef struct sgs_frame {
     float *candidates;
 } sgs_frame;
 
+// Memory for rendering into one of `count` frames of this size, in bytes: colour, transmittance and
+// the planes of `planes` (SGS_AOV_ bits) of each, and what a renderer holds per pixel while it
+// creates the rays of a camera of this size. Without the model. Cannot fail; UINT64_MAX if larger,
+// 0 for an invalid size.
+SGS_API uint64_t sgs_frame_memory(int width, int height, unsigned planes, int count);
+
 // Allocates colour, transmittance and the planes of SGS_AOVS_BASIC, 64-byte aligned and zeroed.
-// Free them with sgs_frame_free. Fails with INVALID_ARGUMENT (size) or OUT_OF_MEMORY; all planes
-// are then NULL.
+// Free them with sgs_frame_free. Fails with INVALID_ARGUMENT (size) or OUT_OF_MEMORY, also if the
+// machine has less than sgs_frame_memory of one frame; all planes are then NULL.
 SGS_API sgs_status sgs_frame_create(int width, int height, sgs_frame *frame);
 // The same with the planes of `planes`, a combination of SGS_AOV_ bits.
 SGS_API sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame);

@@ -13,6 +13,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
+#include "sparegs/runtime.h"
 
 // The caller's progress function, for the loops over a large image.
 typedef struct watch {
@@ -378,6 +379,20 @@ static sgs_status no_memory(const sgs_camera *camera)
                      camera->width, camera->height);
 }
 
+// Allocations beyond the memory would succeed, and the system would end the process.
+static sgs_status check_memory(const sgs_camera *camera)
+{
+    const double bytes = sgsi_ray_peak_bytes(camera->width, camera->height);
+    // The limit is read from files, which takes longer than the rays of a small image.
+    const double machine = bytes < 0x1p28 ? 0x1p28 : (double)sgs_machine_memory();
+    return bytes > machine
+               ? sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                           "the rays of a %dx%d camera require %.1f GiB, but the machine has %.1f "
+                           "GiB; use a smaller size",
+                           camera->width, camera->height, bytes / 0x1p30, machine / 0x1p30)
+               : SGS_STATUS_OK;
+}
+
 static sgs_status fill(sgsi_rays *rays, direction_map *map, int macrotile_side)
 {
     const sgs_camera *camera = map->camera;
@@ -404,6 +419,8 @@ sgs_status sgsi_rays_create_watched(const sgs_camera *camera, int macrotile_side
 {
     *rays = NULL;
     sgs_status status = sgs_camera_validate(camera);
+    if (!status)
+        status = check_memory(camera);
     if (status)
         return status;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
@@ -508,6 +525,12 @@ int sgsi_macrotile_side(const sgs_camera *camera)
     const long long macrotiles = (long long)((camera->width + macrotile - 1) / macrotile) *
                                  ((camera->height + macrotile - 1) / macrotile);
     return macrotiles < FEW_MACROTILES ? 1 : MACROTILE_SIDE;
+}
+
+double sgsi_ray_peak_bytes(int width, int height)
+{
+    const double tiles = ceil((double)width / SGSI_TILE) * ceil((double)height / SGSI_TILE);
+    return tiles * sizeof(sgsi_tile_rays) + (double)width * height * 3 * sizeof(float);
 }
 
 size_t sgsi_ray_table_bytes(int width, int height)

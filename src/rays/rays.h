@@ -112,6 +112,9 @@ int sgsi_macrotile_side(const sgs_camera *camera);
 // Bytes of a camera's table in the cache.
 size_t sgsi_ray_table_bytes(int width, int height);
 
+// Bytes per camera while its table is created: the table and a direction per pixel.
+double sgsi_ray_peak_bytes(int width, int height);
+
 // Cache of ray tables by camera: cameras with equal values share a table. It holds one table even
 // if that exceeds the limit.
 // `period`: lookups within which every camera is expected again, such as twice the number of views

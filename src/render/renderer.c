@@ -57,6 +57,26 @@ void sgs_render_options_init(sgs_render_options *options, size_t size)
 
 // ---- Frames ----
 
+static double memory_of(int width, int height, unsigned planes, int count)
+{
+    size_t aov_count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&aov_count);
+    const double plane = (double)width * height * sizeof(float);
+    double bytes = sgsi_ray_peak_bytes(width, height);
+    for (size_t i = 0; i < aov_count; ++i)
+        if (sgsi_aov_is_requested(&aovs[i], planes))
+            bytes += plane * aovs[i].channels * count;
+    return bytes;
+}
+
+uint64_t sgs_frame_memory(int width, int height, unsigned planes, int count)
+{
+    if (width < 1 || height < 1 || count < 0)
+        return 0;
+    const double bytes = memory_of(width, height, planes, count);
+    return bytes < 0x1p64 ? (uint64_t)bytes : UINT64_MAX;
+}
+
 sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_frame *frame)
 {
     *frame = (sgs_frame){0};
@@ -64,11 +84,8 @@ sgs_status sgs_frame_create_with(int width, int height, unsigned planes, sgs_fra
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "invalid frame size %dx%d", width, height);
     size_t count;
     const sgs_aov *aovs = sgs_aov_descriptors(&count);
-    const double pixels = (double)width * height, machine = (double)sgs_machine_memory();
-    double bytes = 0;
-    for (size_t i = 0; i < count; ++i)
-        bytes +=
-            sgsi_aov_is_requested(&aovs[i], planes) ? pixels * sizeof(float) * aovs[i].channels : 0;
+    const double bytes = memory_of(width, height, planes, 1),
+                 machine = (double)sgs_machine_memory();
     if (bytes > machine)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                          "a frame of %dx%d pixels requires more than %.1f GiB, but the machine has "

@@ -560,4 +560,24 @@ run 1 info "$temporary/cut.ply"
 one_line
 reports "cut.ply"
 
+# frames_beyond_the_memory_are_refused: two frames of all AOVs have 128 bytes per pixel, their rays 21 and the planes of the
+# file 12. One frame with its rays would fit. If it is not refused, the limit of the address space ends the program.
+if ! is_sanitized; then
+    printf '#!/bin/sh\nulimit -v 4000000\nexec "%s" "$@"\n' "$program" >"$temporary/limited"
+    chmod +x "$temporary/limited"
+    whole_program=$program
+    program=$temporary/limited
+    run 1 render "$model" "$room" --view 0001.jpg --size 65536x65536 --aov all -o "$temporary/huge"
+    memory=$(sed -n 's/.*but the machine has \([0-9.]*\) GiB.*/\1/p' "$temporary/stderr")
+    rows=$(awk -v memory="${memory:-0}" 'BEGIN { printf "%d", memory * 1024 ^ 3 / 125 / 32768 }')
+    if [ "$rows" -gt 0 ] && [ "$rows" -le 65536 ]; then
+        run 1 render "$model" "$room" --size "32768x$rows" --aov all -o "$temporary/huge"
+        reports "0001.jpg: a frame of 32768x$rows pixels requires more than"
+        reports "but the machine has $memory GiB; use a smaller size or fewer AOVs"
+    else
+        echo "skipped: the memory of this machine holds the largest frame ($memory GiB)"
+    fi
+    program=$whole_program
+fi
+
 finish

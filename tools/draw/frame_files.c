@@ -191,6 +191,17 @@ static bool make_planes(const frame_files *files, const sgs_frame *frame, made_p
     return make_regions(files, frame, files->aovs, planes);
 }
 
+double frame_writing_bytes(unsigned aovs, sgs_space space, bool exr, bool pictures)
+{
+    const double regions = aovs & (AOV_REGION | AOV_SLACK) ? sizeof(uint32_t) + sizeof(float) : 0;
+    double planes = sizeof(float) + regions; // with the alpha plane
+    for (int k = 0; k < AOV_ROWS; ++k)
+        if (aovs >> k & 1 && sgs_aov_find(aov_rows[k].source)->type == SGS_AOV_TYPE_COUNT)
+            planes += sizeof(uint32_t);
+    const double display = space == SGS_SPACE_LINEAR ? 3 * sizeof(float) : 0;
+    return (exr ? planes : 0) + (pictures ? 3 + fmax(regions, display) : 0);
+}
+
 // Channel c of row k in an EXR.
 static sgs_exr_channel channel_of(int k, int c, bool half, const sgs_frame *frame,
                                   const made_planes *made)

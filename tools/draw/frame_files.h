@@ -63,6 +63,10 @@ bool frame_write_exr(const frame_files *files, sgs_frame *frame);
 // Writes FOLDER/STEM.png and FOLDER/STEM.AOV.png.
 bool frame_write_png(const frame_files *files, const sgs_frame *frame);
 
+// Memory that writing a frame takes beside its planes, bytes per pixel: derived planes of an EXR
+// file (`exr`), the picture of a PNG file or of a video (`pictures`). Without buffers of encoders.
+double frame_writing_bytes(unsigned aovs, sgs_space space, bool exr, bool pictures);
+
 // Calls `visit` with the path of each file that frame_write_png, or else frame_write_exr, and with
 // `deep` deep_file_close would write, until it returns false. True if it never did.
 typedef bool (*frame_files_fn)(const char *path, void *context);

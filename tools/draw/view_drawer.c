@@ -217,18 +217,28 @@ static bool draw_samples(view_drawer *drawer, const char *name, const sgs_camera
     return done;
 }
 
+static bool takes_samples(const view_options *options)
+{
+    return options->samples > 1 || options->aperture > 0;
+}
+
+// The planes of a frame.
+static unsigned drawn_planes(const view_options *options)
+{
+    return aov_planes(options->aovs) | (options->aperture > 0 ? SGS_AOV_DEPTH_MEAN : 0);
+}
+
 static bool draw_frame(view_drawer *drawer, const frame_files *files,
                        const sgs_render_options *options)
 {
     const view_options *o = drawer->options;
-    const bool sampled = o->samples > 1 || o->aperture > 0;
-    const unsigned planes = aov_planes(o->aovs) | (o->aperture > 0 ? SGS_AOV_DEPTH_MEAN : 0);
-    if (!prepare_frame(drawer->frame, files->camera, planes))
+    if (!prepare_frame(drawer->frame, files->camera, drawn_planes(o)))
         return false;
     if (o->deep)
         return draw_deep(drawer, files, options);
     return draw_flat(drawer, files->camera, files->pose, options, drawer->frame) &&
-           (!sampled || draw_samples(drawer, files->name, files->camera, files->pose, options));
+           (!takes_samples(o) ||
+            draw_samples(drawer, files->name, files->camera, files->pose, options));
 }
 
 // ---- Ranges of PNG files ----
@@ -304,9 +314,52 @@ static bool prepare_film(view_drawer *drawer, const camera_list *views)
     return drawer->round != NULL;
 }
 
+// Memory for drawing a view while the previous one is written.
+static double drawing_bytes(const view_drawer *drawer, const sgs_camera *camera, int frames)
+{
+    const view_options *o = drawer->options;
+    const unsigned planes = drawn_planes(o);
+    const double pixels = (double)camera->width * camera->height;
+    double per_pixel =
+        frame_writing_bytes(o->aovs, drawer->drawing->space, o->folder && !o->png, o->png);
+    if (o->film) // the picture, and its copy for ffmpeg
+        per_pixel += 3 + frame_writing_bytes(0, drawer->drawing->space, false, true);
+    if (takes_samples(o)) // a sample, and the sum of their colours and transmittances
+        per_pixel += 8 * sizeof(float);
+    size_t count;
+    const sgs_aov *aovs = sgs_aov_descriptors(&count);
+    for (size_t k = 0; k < count && o->reference; ++k) // all planes in double precision
+        per_pixel += (double)sizeof(double) * aovs[k].channels;
+    return (double)sgs_frame_memory(camera->width, camera->height, planes, frames) +
+           pixels * per_pixel;
+}
+
+// Allocations beyond the memory would succeed, and the system would end the process without a word.
+static bool check_memory(const view_drawer *drawer, const camera_list *views)
+{
+    const double machine = (double)sgs_machine_memory();
+    const int frames = views->count > (size_t)group_count() ? 2 : 1;
+    for (size_t i = 0; i < views->count; ++i) {
+        const sgs_camera camera =
+            camera_with_border(&views->cameras[i].camera, drawer->options->overscan);
+        const double bytes = drawing_bytes(drawer, &camera, frames);
+        if (bytes <= machine)
+            continue;
+        fail_run("%s: a frame of %dx%d pixels requires more than %.1f GiB, but the machine has "
+                 "%.1f GiB; use a smaller size%s",
+                 views->cameras[i].name, camera.width, camera.height, bytes / 0x1p30,
+                 machine / 0x1p30,
+                 drawer->options->aovs & ~(unsigned)AOV_RGBA ? " or fewer AOVs" : "");
+        return false;
+    }
+    return true;
+}
+
 bool view_drawer_prepare(view_drawer *drawer, const camera_list *views)
 {
     const view_options *o = drawer->options;
+    if (!check_memory(drawer, views))
+        return false;
     const bool is_given = o->depth_range.high > 0;
     const unsigned aovs = o->folder && o->png ? ranged_aovs(o->aovs) : 0,
                    measured = is_given ? aovs & ~(unsigned)AOV_DEPTHS : aovs;

@@ -60,9 +60,9 @@ typedef struct view_drawer {
 // call view_drawer_close in either case.
 bool view_drawer_open(view_drawer *drawer, const view_options *options,
                       const drawing_values *drawing, const sgs_gaussians *model);
-// Checks the sizes of the frames of a video; measures the ranges of PNG files over all views and
-// reports them. Call it before the first view. False after printing the error. Without ranks, a
-// signal cancels this and the next function.
+// Checks that the frames fit in the memory, and the sizes of those of a video; measures the ranges
+// of PNG files over all views and reports them. Call it before the first view. False after printing
+// the error. Without ranks, a signal cancels this and the next function.
 bool view_drawer_prepare(view_drawer *drawer, const camera_list *views);
 // Removes the views whose files all exist on rank 0 from the list. Collective; false on all ranks
 // if one fails.

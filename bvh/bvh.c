@@ -203,7 +203,7 @@ static sgs_status commit(sgsi_bvh *bvh, const char *doing)
     atomic_store(&bvh->error, RTC_ERROR_NONE);
     rtcCommitGeometry(bvh->geometry);
     note_error(bvh);
-    sgsi_parallel_for((size_t)sgsi_threads(), 1, join_commit, bvh);
+    sgsi_parallel_parts((size_t)sgsi_threads(), SGSI_THREADS_MAX, join_commit, bvh);
     return embree_failure(atomic_load(&bvh->error), doing);
 }
 

@@ -83,19 +83,23 @@ sgsi_loop_seconds sgsi_threads_seconds(void)
     return loop_seconds;
 }
 
-void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context)
+// parallel: whether the loop counts as parallel work if this thread runs all items.
+static void run_loop(size_t count, size_t chunk, bool parallel, sgsi_item_fn body, void *context)
 {
-    if (!chunk)
-        chunk = 1;
     const int threads = sgsi_threads();
     const bool nested = sgsi_team_is_inside(); // the other threads are busy
     const double start = sgsi_seconds();
     const sgsi_float_mode mode = sgsi_float_mode_enter();
+    sgsi_loop_seconds seconds = loop_seconds;
     if (threads == 1 || count <= chunk || nested) {
         for (size_t item = 0; item < count; ++item)
             body(context, item, 0);
-        if (threads == 1 && count > chunk) // a single item counts as serial work
-            loop_seconds.inside += sgsi_seconds() - start;
+        if (parallel && !nested) { // with the loops in its items, which have added their time
+            const double wall = sgsi_seconds() - start;
+            seconds.inside += wall;
+            seconds.waiting += wall * (threads - 1) / threads;
+            loop_seconds = seconds;
+        }
     } else {
         const double finished = sgsi_team_run(threads, count, chunk, body, context, start);
         const double wall = sgsi_seconds() - start;
@@ -103,6 +107,18 @@ void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *cont
         loop_seconds.waiting += wall - finished / threads;
     }
     sgsi_float_mode_set(mode);
+}
+
+void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context)
+{
+    if (!chunk)
+        chunk = 1;
+    run_loop(count, chunk, count > chunk, body, context);
+}
+
+void sgsi_parallel_parts(size_t count, size_t most, sgsi_item_fn body, void *context)
+{
+    run_loop(count, 1, most > 1, body, context);
 }
 
 typedef struct range_loop {

@@ -22,8 +22,13 @@ int sgsi_affine_cores(void);
 typedef void (*sgsi_item_fn)(void *context, size_t item, int thread);
 void sgsi_parallel_for(size_t count, size_t chunk, sgsi_item_fn body, void *context);
 
+// The same in chunks of 1, for a loop over parts whose number depends on the number of threads.
+// With enough threads there are `most` parts. Unless that is 1, a single part counts as parallel
+// work in sgsi_threads_seconds, for which the other threads wait.
+void sgsi_parallel_parts(size_t count, size_t most, sgsi_item_fn body, void *context);
+
 // Accumulated wall-clock time of the loops of the calling thread, in seconds: inside loops, and the
-// mean over the threads of their wait for the last one.
+// mean over the threads of their wait for the last one. A loop with a single chunk is outside.
 typedef struct sgsi_loop_seconds {
     double inside, waiting;
 } sgsi_loop_seconds;

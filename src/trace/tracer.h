@@ -115,6 +115,8 @@ typedef struct sgsi_sum_list {
     size_t count;
 } sgsi_sum_list;
 size_t sgsi_tracer_buckets(const sgsi_tracer *tracer);
+// Buckets with any number of threads.
+size_t sgsi_tracer_buckets_max(const sgsi_tracer *tracer);
 sgsi_sum_list sgsi_tracer_records(const sgsi_tracer *tracer, size_t bucket);
 
 // Adds the records of all pieces, one list per piece in the order of the curve, to the gradient

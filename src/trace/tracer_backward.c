@@ -273,7 +273,9 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
     memset(tracer->touched, 0, tracer->capacity / SGS_LANES);
     choose_buckets(pass);
     size_chunks(pass);
-    const size_t tiles = cells->tiles < pass->chunk_tiles ? cells->tiles : pass->chunk_tiles;
+    const size_t tiles = cells->tiles < pass->chunk_tiles ? cells->tiles : pass->chunk_tiles,
+                 own_tiles =
+                     cells->tile_begin[pass->end_cell] - cells->tile_begin[pass->first_cell];
     sgs_status status = sgsi_tracer_prepare_threads(tracer);
     if (!status)
         status = reserve_buckets(tracer, tiles * (pass->bucket_count + 2));
@@ -291,9 +293,10 @@ static sgs_status run_backward(sgsi_tracer *tracer, backward_pass *pass)
         status = reserve_slots(tracer, slots > pass->chunk_slots ? slots : pass->chunk_slots);
         if (status)
             return status;
-        sgsi_parallel_for(pass->last_tile - pass->first_tile, 1, backward_tile, pass);
+        sgsi_parallel_parts(pass->last_tile - pass->first_tile, own_tiles, backward_tile, pass);
         const double reduce_start = sgsi_seconds();
-        sgsi_parallel_for(pass->bucket_count, 1, reduce_bucket, pass);
+        sgsi_parallel_parts(pass->bucket_count, sgsi_tracer_buckets_max(tracer), reduce_bucket,
+                            pass);
         reducing += sgsi_seconds() - reduce_start;
     }
     tracer->seconds.reduce = reducing;

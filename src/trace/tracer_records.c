@@ -92,6 +92,11 @@ size_t sgsi_tracer_buckets(const sgsi_tracer *tracer)
     return tracer->record_buckets;
 }
 
+size_t sgsi_tracer_buckets_max(const sgsi_tracer *tracer)
+{
+    return (tracer->count + SGS_LANES - 1) / SGS_LANES;
+}
+
 sgsi_sum_list sgsi_tracer_records(const sgsi_tracer *tracer, size_t bucket)
 {
     const sgsi_bucket_records *records = &tracer->records[bucket];
@@ -183,7 +188,7 @@ sgs_status sgsi_tracer_fold(sgsi_tracer *tracer, const sgsi_sum_list *lists, int
         status = sgsi_fail(SGS_STATUS_FORMAT, "gradients of process %d do not belong to this view",
                            job.broken - 1);
     if (!status)
-        sgsi_parallel_for(job.buckets, 1, fold_bucket, &job);
+        sgsi_parallel_parts(job.buckets, sgsi_tracer_buckets_max(tracer), fold_bucket, &job);
     sgsi_free(job.begin);
     sgsi_free(job.orders);
     tracer->seconds.reduce = sgsi_seconds() - start;

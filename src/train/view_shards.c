@@ -299,11 +299,11 @@ static sgs_status pack_gradients(sgsi_train_views *views)
                         .begin = begin,
                         .count = count,
                         .ranks = s->routes.ranks};
-    sgsi_parallel_for(buckets, 1, count_bucket, &job);
+    sgsi_parallel_parts(buckets, sgsi_tracer_buckets_max(views->tracer), count_bucket, &job);
     const size_t total = place_gradients(s, buckets, begin, count);
     job.message = reserve_message(views->ranks, total, &status);
     if (!status)
-        sgsi_parallel_for(buckets, 1, pack_bucket, &job);
+        sgsi_parallel_parts(buckets, sgsi_tracer_buckets_max(views->tracer), pack_bucket, &job);
     return status;
 }
 

@@ -12,7 +12,9 @@
 #include <cmocka.h>
 
 #include "base/core.h"
+#include "bvh/bvh.h"
 #include "support/rest.h"
+#include "support/tracer_support.h"
 #include "sparegs/bench.h"
 #include "base/threads.h"
 
@@ -111,6 +113,99 @@ static void single_items_count_as_serial_on_many_threads(void **state)
     sgsi_threads_set(0);
 }
 
+static sgsi_loop_seconds seconds_since(sgsi_loop_seconds before)
+{
+    const sgsi_loop_seconds now = sgsi_threads_seconds();
+    return (sgsi_loop_seconds){now.inside - before.inside, now.waiting - before.waiting};
+}
+
+// Work in as many parts as threads is parallel work, with one thread as with several.
+static void a_single_part_of_several_counts_as_parallel(void **state)
+{
+    (void)state;
+    for (int threads = 1; threads <= 4; ++threads) {
+        sgsi_threads_set(threads);
+        const sgsi_loop_seconds before = sgsi_threads_seconds();
+        const double start = sgsi_seconds();
+        sgsi_parallel_parts(1, 8, long_item, NULL);
+        const double wall = sgsi_seconds() - start;
+        const sgsi_loop_seconds parts = seconds_since(before);
+        assert_true(parts.inside >= 0.1 && parts.inside <= wall);
+        // Work = threads * (inside - waiting), that of one thread.
+        assert_true(fabs(threads * (parts.inside - parts.waiting) - parts.inside) <=
+                    1e-9 * parts.inside);
+        sgsi_parallel_parts(1, 1, long_item, NULL); // a single one with any number of threads
+        assert_true(seconds_since(before).inside == parts.inside);
+    }
+    sgsi_threads_set(0);
+}
+
+static void loop_of_long_items(void *context, size_t item, int thread)
+{
+    (void)item;
+    (void)thread;
+    sgsi_parallel_for(8, 1, long_item, context);
+}
+
+static void loops_in_items_count_once(void **state)
+{
+    (void)state;
+    for (int threads = 1; threads <= 2; ++threads) {
+        sgsi_threads_set(threads);
+        const sgsi_loop_seconds before = sgsi_threads_seconds();
+        const double start = sgsi_seconds();
+        sgsi_parallel_for(2, 1, loop_of_long_items, NULL);
+        const double wall = sgsi_seconds() - start, inside = seconds_since(before).inside;
+        assert_true(inside >= 0.1 && inside <= wall);
+    }
+    sgsi_threads_set(0);
+}
+
+static void builds_and_refits_of_one_thread_count_as_parallel(void **state)
+{
+    (void)state;
+    enum { COUNT = 1000 };
+    static sgsi_bounds boxes[COUNT];
+    for (size_t i = 0; i < COUNT; ++i)
+        for (int k = 0; k < 3; ++k) {
+            boxes[i].lower[k] = (float)sgsi_random_uniform(3, 3 * i + (size_t)k);
+            boxes[i].upper[k] = boxes[i].lower[k] + 0.01F;
+        }
+    sgsi_threads_set(1);
+    sgsi_bvh *bvh;
+    assert_int_equal(sgsi_bvh_create(&bvh), SGS_STATUS_OK);
+    const sgsi_loop_seconds before = sgsi_threads_seconds();
+    assert_int_equal(sgsi_bvh_build(bvh, boxes, COUNT, SGSI_BVH_REFIT), SGS_STATUS_OK);
+    const sgsi_loop_seconds built = seconds_since(before);
+    assert_true(built.inside > 0 && built.waiting == 0);
+    assert_int_equal(sgsi_bvh_refit(bvh), SGS_STATUS_OK);
+    assert_true(seconds_since(before).inside > built.inside);
+    sgsi_bvh_destroy(bvh);
+    sgsi_threads_set(0);
+}
+
+// In an image of a single tile, the sums of the primitives are the only parallel work of a backward
+// pass: with several threads they are in several buckets.
+static void sums_of_one_thread_count_as_parallel(void **state)
+{
+    (void)state;
+    sgsi_threads_set(1);
+    const sgs_pose pose = oracle_pose_look_at(0, 0, -4);
+    const sgs_camera camera = oracle_camera(SGS_CAMERA_PINHOLE, 16, 16);
+    oracle_scene scene = oracle_random_model(7, 100, NULL);
+    traced_view traced =
+        traced_create(scene.model, &camera, &pose, SGS_FILTER_3DGS, 1, SGSI_BVH_REFIT);
+    const sgsi_loop_seconds before = sgsi_threads_seconds();
+    assert_int_equal(sgsi_tracer_backward(traced.tracer, &traced.view, &traced.planes,
+                                          traced.planes.color, traced.planes.transmittance),
+                     SGS_STATUS_OK);
+    const double inside = seconds_since(before).inside;
+    assert_true(inside > 0 && inside <= sgsi_tracer_seconds(traced.tracer).reduce);
+    traced_destroy(&traced);
+    oracle_scene_free(&scene);
+    sgsi_threads_set(0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -118,6 +213,10 @@ int main(void)
         cmocka_unit_test(communication_takes_messages_and_bytes),
         cmocka_unit_test(loop_clocks_measure_serial_and_waiting_time),
         cmocka_unit_test(single_items_count_as_serial_on_many_threads),
+        cmocka_unit_test(a_single_part_of_several_counts_as_parallel),
+        cmocka_unit_test(loops_in_items_count_once),
+        cmocka_unit_test(builds_and_refits_of_one_thread_count_as_parallel),
+        cmocka_unit_test(sums_of_one_thread_count_as_parallel),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -67,15 +67,17 @@ if is_long && [ "${#launcher[@]}" -gt 1 ]; then
     launcher=("${shared[@]}")
 fi
 
-# Open MPI's binding: one line on how to bind if a rank has more threads than cores.
+# Open MPI's binding: one line on how to bind if a rank has more threads than cores, or unbound ranks share cores.
 if [ "${#launcher[@]}" -gt 1 ] && [ "$(nproc)" -gt 1 ]; then
     shared=("${launcher[@]}")
     launcher=(mpirun --oversubscribe --bind-to core)
     ranks 0 2 train "$room" --downscale 16 --iterations 1 --threads 2 --quiet -o "$temporary/bound"
     check one_line test "$(grep -c 'each rank may use 1 of .* and has 2 threads; start mpirun with' "$temporary/stderr")" = 1
     launcher=("${shared[@]}")
-    ranks 0 2 train "$room" --downscale 16 --iterations 1 --threads 2 --quiet -o "$temporary/unbound"
-    check no_line test "$(grep -c 'each rank may use' "$temporary/stderr")" = 0
+    ranks 0 2 train "$room" --downscale 16 --iterations 1 --threads "$(getconf _NPROCESSORS_ONLN)" --quiet -o "$temporary/unbound"
+    check one_line test "$(grep -cE 'each oversubscribe the .* cores of their machine; start|each rank may use' "$temporary/stderr")" = 1
+    ranks 0 2 train "$room" --downscale 16 --iterations 1 --threads 1 --quiet -o "$temporary/alone"
+    check no_line test "$(grep -cE 'oversubscribe|each rank may use' "$temporary/stderr")" = 0
 fi
 
 # MPICH, where it is installed besides Open MPI.

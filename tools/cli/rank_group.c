@@ -14,6 +14,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/rank_cores.h"
 #include "cli/shared_options.h"
 #include "sparegs/runtime.h"
 
@@ -54,14 +55,16 @@ void group_let_lead_speak(int status)
 
 void group_check_binding(void)
 {
-    const long machine = sysconf(_SC_NPROCESSORS_ONLN);
-    const int own = sgs_cores(), threads = sgs_threads_get();
-    const bool crowded = own < threads && own < machine; // several threads on a core
-    const bool idle = own == 1 && machine >= 2L * sgs_ranks_count(ranks);
-    if (ranks && group_leads() && (crowded || idle))
-        print_warning("each rank may use %d of %ld cores and has %d thread%s; start mpirun with "
-                      "--map-by ppr:1:node --bind-to none, or srun with -c",
-                      own, machine, threads, threads == 1 ? "" : "s");
+    if (!ranks || !group_leads())
+        return;
+    const rank_cores cores = {.own = sgs_cores(),
+                              .machine = sysconf(_SC_NPROCESSORS_ONLN),
+                              .ranks = machine_ranks,
+                              .threads = sgs_threads_get()};
+    char *advice = rank_cores_advice(&cores);
+    if (advice)
+        print_warning("%s", advice);
+    free(advice);
 }
 
 // Host name, and the boot of its kernel, because machines may have the same name.

@@ -33,9 +33,9 @@ void group_let_lead_speak(int status);
 // Joins the ranks, if there is a launcher. `command` is for messages; supported: whether it works
 // on several ranks. Returns -1 to continue, or an exit status.
 int group_open(const char *command, bool supported);
-// Warns if the launcher has bound rank 0 to fewer cores than it has threads, or to one of many;
-// Open MPI binds each rank to a core or a socket by default. Call when the number of threads is
-// known.
+// Warns if the launcher has bound rank 0 to fewer cores than it has threads, or to one of many, or
+// if the ranks of its machine have more threads than the machine has cores. Open MPI binds each
+// rank to a core or a socket by default. Call when the number of threads is known.
 void group_check_binding(void);
 // Leaves the ranks. Returns `status`, a failure if another rank failed, or the status of a signal
 // if one stopped a rank while it loaded the scene.

@@ -256,7 +256,39 @@ sed -E 's/("init_hash": ")[0-9a-f]+/\10123456789abcdef/' "$temporary/config.json
 run 1 merge "$dir" -o "$temporary/no"
 reports "blocks/block_1: initial model differs from that of $dir/block_0; retrain one of them"
 one_line
+# held_out_images_are_those_of_all_blocks, and of the coarse model
+hold_out_nothing() { sed -Ez 's/("test_images": \[)[^]]*\]/\1]/' "$temporary/config.json"; }
+hold_out_nothing >"$dir/block_1/config.json"
+run 1 merge "$dir" -o "$temporary/no" --seam-images 0
+reports "blocks/block_1: was trained on "
+reports " held-out images of the merged model; train all blocks with the same --eval, --test-every or --test-images"
+one_line
 cp "$temporary/config.json" "$dir/block_1/config.json"
+cp "$dir/coarse/config.json" "$temporary/config.json"
+hold_out_nothing >"$dir/coarse/config.json"
+run 0 merge "$dir" -o "$temporary/seen" --seam-images 0
+reports "blocks/coarse: the blocks started from this run, which was trained on $(jq length <<<"$held_out") of the "
+one_line
+cp "$temporary/config.json" "$dir/coarse/config.json"
+run 0 merge "$dir" -o "$temporary/seen" --seam-images 0 --overwrite
+check no_warning test "$(grep -c warning "$temporary/stderr")" = 0
+# a_reference_has_its_own_colour_maps
+run 0 split "$room" -o "$temporary/exposed" --blocks 2
+for script in coarse blocks; do
+    last_command="$script.sh --exposure"
+    check it_trains bash "$temporary/exposed/$script.sh" --iterations 20 --downscale 16 --exposure --quiet
+done
+run 0 merge "$temporary/exposed" -o "$temporary/bright" --seam-images 3
+for block in 0 1; do
+    file=$temporary/exposed/block_$block/exposure.json
+    jq 'map_values(map(map(. / 2)))' "$file" >"$temporary/dark.json"
+    mv "$temporary/dark.json" "$file"
+done
+run 0 merge "$temporary/exposed" -o "$temporary/dark" --seam-images 3
+check the_reference_is_as_bright test "$(jq .seams.reference_psnr_rest "$temporary/bright/summary.json")" = \
+    "$(jq .seams.reference_psnr_rest "$temporary/dark/summary.json")"
+check the_blocks_are_darker jq -en --slurpfile a "$temporary/bright/summary.json" --slurpfile b "$temporary/dark/summary.json" \
+    '$a[0].seams.psnr_rest > $b[0].seams.psnr_rest + 1'
 jq '.scene_hash = "0123456789abcdef"' "$dir/blocks.json" >"$temporary/json/blocks.json"
 run 1 train "$room" -o "$temporary/no" --region "$temporary/json/blocks.json:0" --init "$dir/coarse" "${options[@]}"
 reports "json/blocks.json: the plan does not match the scene"

@@ -11,6 +11,7 @@
 #include "cli/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "cli/shared_options.h"
 #include "run/exposure_file.h"
 #include "run/run_record.h"
 #include "sparegs/model_edit.h"
@@ -131,6 +132,21 @@ bool merged_blocks_check(merged_blocks *merged, const char *folder)
         if (!check_block(merged, b))
             return false;
     return true;
+}
+
+bool merged_blocks_hold_out(const merged_blocks *merged, const sgs_scene *scene)
+{
+    ptrdiff_t trained = 0;
+    for (size_t b = 0; b < merged->plan.count && trained <= 0; ++b) {
+        char *folder = block_path(merged, b, "");
+        trained = run_record_trained(folder, merged->configs[b], scene, SGS_SPLIT_TEST);
+        if (trained > 0)
+            fail_run("%s: was trained on %td of the %zu held-out images of the merged model; train "
+                     "all blocks with the same --eval, --test-every or --test-images",
+                     folder, trained, scene_split_count(scene, SGS_SPLIT_TEST));
+        free(folder);
+    }
+    return trained <= 0;
 }
 
 // Appends the block's primitives in its box.

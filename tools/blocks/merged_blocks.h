@@ -23,6 +23,10 @@ typedef struct merged_blocks {
 // names the block; free the result in any case.
 bool merged_blocks_check(merged_blocks *merged, const char *folder);
 
+// False after printing the error if a block was trained on a held-out view of the scene. Blocks
+// that recorded no split are accepted.
+bool merged_blocks_hold_out(const merged_blocks *merged, const sgs_scene *scene);
+
 // Reads the blocks and joins them. A view that several blocks saw has the exposure of the first of
 // them. A request to stop (interrupt.h) ends it early. False after printing the error.
 bool merged_blocks_read(merged_blocks *merged);

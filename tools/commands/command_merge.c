@@ -21,14 +21,16 @@
 #include "cli/reported_files.h"
 #include "cli/resolved_path.h"
 #include "cli/shared_options.h"
+#include "run/exposure_file.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
 
 static const char description[] =
     "Joins the blocks that were trained in DIR (block_0, block_1, ... of the plan DIR/blocks.json) "
     "into one model: each block contributes the primitives with centres in its own box. OUT is a "
-    "run folder for eval, render, view and other commands. A block that is missing, unfinished, or "
-    "of another scene or plan is an error.\nThen compares the PSNR near the seams with that "
+    "run folder for eval, render, view and other commands. A block that is missing, unfinished, of "
+    "another scene or plan, or trained on an image that is held out is an error.\nThen compares "
+    "the PSNR near the seams with that "
     "elsewhere, in held-out images if there are any, and warns if the seams are at least 0.5 dB "
     "worse than in the coarse model that the blocks started from. The figures are also in "
     "OUT/summary.json. SCENE, its images and their split default to those of the blocks.";
@@ -73,7 +75,8 @@ typedef struct merging {
     const merge_values *values;
     const common_values *common;
     merged_blocks blocks;
-    sgs_gaussians *reference; // of the seams, or NULL
+    sgs_gaussians *reference;    // of the seams, or NULL
+    json_t *reference_exposures; // of its own run, or NULL
     sgs_scene *scene;
     scene_values data;
     drawing_values drawing;
@@ -153,12 +156,21 @@ static bool write_run(merging *m)
     return done;
 }
 
-static bool read_model(const char *path, sgs_gaussians **model)
+static bool read_model(merging *m, const char *path)
 {
     model_path located;
-    const bool done = model_locate(path, &located) && model_read(&located, NULL, model);
+    const bool done = model_locate(path, &located) && model_read(&located, NULL, &m->reference) &&
+                      exposure_of_model(&located, m->scene, &m->reference_exposures);
     model_path_free(&located);
     return done;
+}
+
+static void forget_reference(merging *m)
+{
+    sgs_gaussians_destroy(m->reference);
+    json_decref(m->reference_exposures);
+    m->reference = NULL;
+    m->reference_exposures = NULL;
 }
 
 // Reads `path` as the reference if it is the model that the blocks started from. False after
@@ -169,14 +181,34 @@ static bool read_start(merging *m, const char *path)
     char hash[17];
     if (m->reference || !model_is(path))
         return true;
-    if (!read_model(path, &m->reference))
+    if (!read_model(m, path))
         return false;
     sgs_gaussians_hash(m->reference, hash);
-    if (expected && strcmp(hash, expected) != 0) {
-        sgs_gaussians_destroy(m->reference);
-        m->reference = NULL;
-    }
+    if (expected && strcmp(hash, expected) != 0)
+        forget_reference(m);
     return true;
+}
+
+// Warns if the model that the blocks started from was trained on held-out images: then the merged
+// one was.
+static void check_start(const merging *m)
+{
+    const char *start = json_string_value(config_option(m->blocks.configs[0], "init"));
+    char *coarse = format_text("%s/coarse", m->blocks.folder);
+    const char *path = start && model_is(start) ? start : model_is(coarse) ? coarse : NULL;
+    model_path located = {0};
+    if (path && model_locate(path, &located) && located.run) {
+        const ptrdiff_t trained =
+            run_record_trained(located.run, located.config, m->scene, SGS_SPLIT_TEST);
+        if (trained > 0)
+            print_warning("%s: the blocks started from this run, which was trained on %td of the "
+                          "%zu held-out images; train it with the --eval, --test-every or "
+                          "--test-images of the blocks, or their scores are not those of held-out "
+                          "images",
+                          located.run, trained, scene_split_count(m->scene, SGS_SPLIT_TEST));
+    }
+    model_path_free(&located);
+    free(coarse);
 }
 
 // Reads the model of --seam-reference, or the model that the blocks started from: where it was, or,
@@ -188,7 +220,7 @@ static bool read_reference(merging *m)
     if (!m->values->seam_images || (given && !strcmp(given, "none")))
         return true;
     if (given)
-        return read_model(given, &m->reference);
+        return read_model(m, given);
     char *coarse = format_text("%s/coarse", m->blocks.folder);
     const bool done = (!start || read_start(m, start)) && read_start(m, coarse);
     if (done && !m->reference)
@@ -206,7 +238,8 @@ static bool compare_seams(merging *m)
         return true;
     bool done = evaluator_open(&evaluation, m->blocks.model, m->scene, &m->drawing) &&
                 (!m->reference || evaluator_open(&other, m->reference, m->scene, &m->drawing));
-    evaluation.exposures = other.exposures = m->blocks.exposures;
+    evaluation.exposures = m->blocks.exposures;
+    other.exposures = m->reference_exposures;
     done = done && seam_report_make(&evaluation, m->reference ? &other : NULL, &m->blocks.plan,
                                     (size_t)m->values->seam_images, &m->seams);
     evaluator_close(&evaluation);
@@ -256,6 +289,9 @@ static int read_inputs(merging *m, const command_line *line)
     const int status = open_scene(m, line);
     if (status >= 0)
         return status;
+    if (!merged_blocks_hold_out(&m->blocks, m->scene))
+        return EXIT_FAILED;
+    check_start(m);
     const bool read = read_reference(m) && merged_blocks_read(&m->blocks);
     return interrupt_signal() ? interrupt_status() : read ? -1 : EXIT_FAILED;
 }
@@ -336,7 +372,7 @@ int command_merge(int argc, char **argv)
     interrupt_watch();
     status = merge(&m, &call.line);
     sgs_scene_destroy(m.scene);
-    sgs_gaussians_destroy(m.reference);
+    forget_reference(&m);
     merged_blocks_free(&m.blocks);
     return status;
 }

@@ -74,12 +74,12 @@ typedef struct sgs_profile_tree {
 typedef struct sgs_profile {
     int width, height, tiles_x, tiles_y;
     double primitives, rays; // rays: pixels with a ray
-    // Primitives that rays of the view may hit; the boxes of the others are points.
+    // Primitives that rays of the view may hit; those of the others have degenerate (point) boxes.
     double traced;
     sgs_profile_tree trees[SGS_PROFILE_KIND_COUNT];
     double forward; // CPU seconds for the view after the gather
     // Largest relative difference of a tree's two best gather times; smaller differences are noise.
-    // 0.1 for a single repetition.
+    // NaN for a single repetition, which gives no estimate.
     double noise;
     // For the view, with the refitted tree. gathered: distinct callbacks that may hit a tile of
     // their macrotile; candidates: pairs of such a primitive and a tile that it may hit.

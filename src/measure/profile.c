@@ -309,9 +309,10 @@ static sgs_status measure_kinds(profile_job *job)
             status = measure_kind(job, tracer, (sgs_profile_kind)k, round == job->options.repeat);
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         out->trees[k].bytes -= before;
-        out->noise = fmax(
-            out->noise, isfinite(job->second[k]) ? job->second[k] / out->trees[k].gather - 1 : 0.1);
+        out->noise = fmax(out->noise, job->second[k] / out->trees[k].gather - 1);
     }
+    if (job->options.repeat == 1)
+        out->noise = NAN;
     sgsi_bounds *boxes = status ? NULL : copy_boxes(job, tracer, &status);
     sgsi_tracer_destroy(tracer);
     if (!status)

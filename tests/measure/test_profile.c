@@ -84,6 +84,7 @@ static void every_stage_is_conservative(void **state)
     assert_true(p->macrotile_hits <= p->gathered && p->gathered <= p->distinct);
     assert_true(p->distinct <= p->callbacks && p->gathered <= p->candidates);
     assert_true(p->traced > 0 && p->traced <= p->primitives);
+    assert_true(isnan(p->noise)); // one repetition gives no estimate
     assert_true(p->tile_hits <= p->candidates && p->block_hits <= p->evaluations);
     assert_true(p->evaluations <= p->block_tests && p->block_tests == 16 * p->candidates);
     assert_true(p->hits <= 16 * p->block_hits && p->block_hits <= p->hits);

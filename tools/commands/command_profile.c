@@ -109,13 +109,18 @@ static const option profile_options[] = {
 
 enum { VIEWS_MAX = 16, ALL = 2 }; // ALL: of the words of --split
 
+static sgs_split chosen_split(const profile_values *values)
+{
+    static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
+    return splits[values->split];
+}
+
 // The cameras selected by --view, --split, --views or --orbit.
 static bool choose_cameras(const sgs_scene *scene, const profile_values *values, bool split_given,
                            camera_list *list)
 {
-    static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
     const camera_choice choice = {.view = values->view,
-                                  .split = splits[values->split],
+                                  .split = chosen_split(values),
                                   .split_given = split_given,
                                   .orbit = values->orbit};
     if (!cameras_choose(&choice, scene, list))
@@ -136,19 +141,47 @@ typedef struct profiling {
     profile_report report;
 } profiling;
 
-static bool profile_views(profiling *job)
+// The next view of the split after that of the name, or the first one; NULL if there is no other.
+static const sgs_view *next_view(const sgs_scene *scene, sgs_split split, const char *name)
+{
+    const size_t count = scene->view_count;
+    const ptrdiff_t own = sgs_scene_find_view(scene, name);
+    for (size_t k = 0; k < count; ++k) {
+        const size_t v = ((size_t)(own + 1) + k) % count;
+        if ((ptrdiff_t)v != own && view_in_split(&scene->views[v], split))
+            return &scene->views[v];
+    }
+    return NULL;
+}
+
+// Sets the camera that the refitted trees of view v are built for: that of another profiled view,
+// else of another view of the scene. Returns its name, or NULL if there is none.
+static const char *choose_built_for(profiling *job, const sgs_scene *scene, size_t v)
+{
+    const named_camera *cameras = job->cameras.cameras;
+    const size_t count = job->cameras.count;
+    if (count > 1) {
+        const named_camera *other = &cameras[(v ? v : count) - 1];
+        job->options.built_for = &other->pose;
+        return other->name;
+    }
+    const sgs_view *other = next_view(scene, chosen_split(job->values), cameras[v].name);
+    job->options.built_for = other ? &other->pose : NULL;
+    return other ? other->name : NULL;
+}
+
+static bool profile_views(profiling *job, const sgs_scene *scene)
 {
     for (size_t v = 0; v < job->cameras.count && !interrupt_signal(); ++v) {
         const named_camera *view = &job->cameras.cameras[v];
         sgs_profile *profile;
-        const size_t other = (v ? v : job->cameras.count) - 1;
-        job->options.built_for = &job->cameras.cameras[other].pose;
+        const char *built_for = choose_built_for(job, scene, v);
         progress_count("profiling", v, job->cameras.count);
         if (sgs_profile_view(job->model, &view->camera, &view->pose, &job->options, &profile)) {
             fail_library();
             return false;
         }
-        profile_report_add(&job->report, view->name, profile);
+        profile_report_add(&job->report, view->name, built_for, profile);
         const bool written =
             !job->values->output || profile_write_maps(job->values->output, view, profile,
                                                        job->common->json ? stderr : stdout);
@@ -183,16 +216,6 @@ static void add_sample(sgs_bench_sample *to, const sgs_bench_sample *sample, dou
     to->iteration += share * sample->iteration;
 }
 
-static void add_counters(sgs_counter_values *to, const sgs_counter_values *from, double share)
-{
-    double *const sums[] = {&to->cycles, &to->instructions, &to->cache_references,
-                            &to->cache_misses, &to->branch_misses};
-    const double values[] = {from->cycles, from->instructions, from->cache_references,
-                             from->cache_misses, from->branch_misses};
-    for (int k = 0; k < 5; ++k)
-        *sums[k] = values[k] < 0 ? -1 : *sums[k] + share * values[k];
-}
-
 // Times a build and an iteration per view.
 static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *trace, int *number,
                             sgs_bench_sample *mean, sgs_counter_values *counted)
@@ -211,7 +234,7 @@ static bool repeat_training(const profiling *job, sgs_bench *bench, trace_file *
         done = !sgs_bench_step(bench, &sample);
         if (job->counters) {
             const sgs_counter_values values = sgs_counters_stop(job->counters);
-            add_counters(counted, &values, share);
+            profile_counters_add(counted, &values, share);
         }
         sgs_bench_restore(bench);
         add_sample(mean, &sample, share);
@@ -264,7 +287,7 @@ static bool profile_model(profiling *job, const sgs_scene *scene, bool split_giv
         scene->extent; // initial learning rate of the means: the size of an Adam step
     job->report.refits = job->values->refits;
     job->report.repeat = job->values->repeat;
-    bool done = measure_training(job) && profile_views(job);
+    bool done = measure_training(job) && profile_views(job, scene);
     if (done && !interrupt_signal()) {
         if (job->common->json)
             done = print_json(profile_json(&job->report));

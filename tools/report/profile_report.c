@@ -51,10 +51,11 @@ enum { LEAF_SIZES = sizeof((sgs_profile_tree *)0)->leaf_sizes / sizeof(double) }
 static void add_numbers(json_t *object, const sgs_profile *profile);
 static json_t *tree_json(const sgs_profile *profile, sgs_profile_kind kind);
 
-static json_t *one_view_json(const char *name, const sgs_profile *profile)
+static json_t *one_view_json(const char *name, const char *built_for, const sgs_profile *profile)
 {
     json_t *object = json_object(), *trees = json_array();
     json_object_set_new(object, "name", json_text(name));
+    json_object_set_new(object, "built_for", built_for ? json_text(built_for) : json_null());
     json_object_set_new(object, "width", json_integer(profile->width));
     json_object_set_new(object, "height", json_integer(profile->height));
     add_numbers(object, profile);
@@ -64,13 +65,15 @@ static json_t *one_view_json(const char *name, const sgs_profile *profile)
     return object;
 }
 
-void profile_report_add(profile_report *report, const char *name, const sgs_profile *profile)
+void profile_report_add(profile_report *report, const char *name, const char *built_for,
+                        const sgs_profile *profile)
 {
     sgs_profile *mean = &report->mean;
     ++report->views;
+    report->built_elsewhere = built_for != NULL;
     if (!report->per_view)
         report->per_view = json_array();
-    json_array_append_new(report->per_view, one_view_json(name, profile));
+    json_array_append_new(report->per_view, one_view_json(name, built_for, profile));
     mean->primitives = profile->primitives;
     mean->tiles_x += profile->tiles_x * profile->tiles_y;
 #define X(name) mean->name += profile->name;
@@ -127,6 +130,16 @@ static double quotient(double a, double b)
     return b > 0 ? a / b : NAN;
 }
 
+void profile_counters_add(sgs_counter_values *to, const sgs_counter_values *from, double share)
+{
+    double *const sums[] = {&to->cycles, &to->instructions, &to->cache_references,
+                            &to->cache_misses, &to->branch_misses};
+    const double values[] = {from->cycles, from->instructions, from->cache_references,
+                             from->cache_misses, from->branch_misses};
+    for (int k = 0; k < 5; ++k)
+        *sums[k] = values[k] < 0 || *sums[k] < 0 ? -1 : *sums[k] + share * values[k];
+}
+
 // ---- Conclusions ----
 
 // Training rebuilds the tree when primitives are added or removed, at most every hundred
@@ -148,37 +161,39 @@ static double iteration_cost(const profile_report *report, sgs_profile_kind kind
     return tree->refit + gather_wall(tree) + tree->build / REBUILT_EVERY;
 }
 
-// Above this timing noise, no tree is called faster than another.
+// Above this timing noise, or if it is unknown, no tree is recommended for a fixed model.
 static const double noise_limit = 0.2;
 
 static bool is_too_noisy(const profile_report *report)
 {
-    return report->mean.noise > noise_limit;
+    return !(report->mean.noise <= noise_limit);
 }
 
-// Relative difference that exceeds timing noise, at least 2 %.
+// Relative difference that exceeds timing noise, at least 2 %. Unknown noise (NaN) is assumed to be
+// at the limit.
 static double min_gain(const profile_report *report)
 {
-    return fmax(report->mean.noise, 0.02);
+    return isnan(report->mean.noise) ? noise_limit : fmax(report->mean.noise, 0.02);
 }
 
-static sgs_profile_kind best_for_training(const profile_report *report)
+// Wall-clock seconds per view of a fixed model for tree and gather. The boxes depend on the camera,
+// so that every view rebuilds or refits the tree.
+static double view_cost(const profile_report *report, sgs_profile_kind kind)
+{
+    const sgs_profile_tree *tree = &report->mean.trees[kind];
+    const double update = kind < SGS_PROFILE_REFIT ? tree->build : tree->refit;
+    return update + tree->gather / sgs_threads_get();
+}
+
+typedef double (*cost_fn)(const profile_report *report, sgs_profile_kind kind);
+
+// The refitted tree, unless another one takes less time by more than the noise.
+static sgs_profile_kind best_tree(const profile_report *report, cost_fn cost)
 {
     const double factor = 1 - min_gain(report);
     sgs_profile_kind best = SGS_PROFILE_REFIT;
     for (int k = 0; k < SGS_PROFILE_REFIT; ++k)
-        if (iteration_cost(report, (sgs_profile_kind)k) < factor * iteration_cost(report, best))
-            best = (sgs_profile_kind)k;
-    return best;
-}
-
-// The tree with the fastest gather for a fixed model; among equals, the cheapest to build.
-static sgs_profile_kind best_for_drawing(const profile_report *report)
-{
-    const double factor = 1 - min_gain(report);
-    sgs_profile_kind best = SGS_PROFILE_LOW;
-    for (int k = 0; k <= SGS_PROFILE_REFIT; ++k)
-        if (report->mean.trees[k].gather < factor * report->mean.trees[best].gather)
+        if (cost(report, (sgs_profile_kind)k) < factor * cost(report, best))
             best = (sgs_profile_kind)k;
     return best;
 }
@@ -254,39 +269,44 @@ static share dominant(const profile_report *report, double *whole)
 }
 
 // The conclusions as sentences; release with free().
+
+// Milliseconds of the kinds: "low 2.89, medium 6.97, high 6.89, refit 1.82".
+static char *list_costs(const profile_report *report, cost_fn cost)
+{
+    return format_text("low %.2f, medium %.2f, high %.2f, refit %.2f",
+                       1e3 * cost(report, SGS_PROFILE_LOW), 1e3 * cost(report, SGS_PROFILE_MEDIUM),
+                       1e3 * cost(report, SGS_PROFILE_HIGH), 1e3 * cost(report, SGS_PROFILE_REFIT));
+}
+
+static char *answer_drawing(const profile_report *report)
+{
+    const sgs_profile_kind best = best_tree(report, view_cost);
+    if (isnan(report->mean.noise))
+        return format_text("For a fixed model: undecided (one repetition gives no estimate of the "
+                           "timing noise; use more of them)");
+    if (is_too_noisy(report))
+        return format_text("For a fixed model: undecided (gather times differ by %.0f %% between "
+                           "repetitions; use more of them, or an idle machine)",
+                           100 * report->mean.noise);
+    char *costs = list_costs(report, view_cost);
+    char *text =
+        format_text("For a fixed model: %s (%.2f ms per view for tree and gather; %s; the "
+                    "boxes depend on the camera, so every view rebuilds or refits the tree)",
+                    sgs_profile_kind_name(best), 1e3 * view_cost(report, best), costs);
+    free(costs);
+    return text;
+}
+
 static char *answer_quality(const profile_report *report)
 {
-    const sgs_profile_kind train = best_for_training(report), draw = best_for_drawing(report);
-    const sgs_profile_tree *low = &report->mean.trees[SGS_PROFILE_LOW],
-                           *best = &report->mean.trees[draw];
-    const double gain = low->gather - best->gather, // core time
-        price = (best->build - low->build) * sgs_threads_get();
-    char *training = format_text(
-        "Build quality for training: %s (%.2f ms per iteration for tree and gather; low "
-        "%.2f, medium %.2f, high %.2f, refit %.2f, rebuilt every %d iterations)",
-        sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train),
-        1e3 * iteration_cost(report, SGS_PROFILE_LOW),
-        1e3 * iteration_cost(report, SGS_PROFILE_MEDIUM),
-        1e3 * iteration_cost(report, SGS_PROFILE_HIGH),
-        1e3 * iteration_cost(report, SGS_PROFILE_REFIT), REBUILT_EVERY);
-    char *drawing =
-        is_too_noisy(report)
-            ? format_text("For a fixed model: undecided (gather times differ by %.0f %% between "
-                          "repetitions; use more of them, or an idle machine)",
-                          100 * report->mean.noise)
-        : draw == SGS_PROFILE_LOW
-            ? format_text("For a fixed model: low (no other tree is faster by more than the timing "
-                          "noise of %.0f %%)",
-                          100 * min_gain(report))
-            : format_text(
-                  "For a fixed model: %s (%.0f %% faster than low; amortises its build after "
-                  "%.0f views)",
-                  sgs_profile_kind_name(draw), 100 * quotient(gain, low->gather),
-                  ceil(fmax(price / gain, 1)));
-    char *text =
-        format_text("%s. %s.%s", training, drawing,
-                    high_is_medium(report) ? " High and medium produce the same tree." : "");
-    free(training);
+    const sgs_profile_kind train = best_tree(report, iteration_cost);
+    char *costs = list_costs(report, iteration_cost), *drawing = answer_drawing(report);
+    char *text = format_text(
+        "Build quality for training: %s (%.2f ms per iteration for tree and gather; %s, rebuilt "
+        "every %d iterations). %s.%s",
+        sgs_profile_kind_name(train), 1e3 * iteration_cost(report, train), costs, REBUILT_EVERY,
+        drawing, high_is_medium(report) ? " High and medium produce the same tree." : "");
+    free(costs);
     free(drawing);
     return text;
 }
@@ -336,15 +356,22 @@ static void print_trees(const profile_report *report)
            "bounded ms*", "MB");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *t = &m->trees[k];
-        printf("%-8s %10.2f %10.2f %12.2f %12.2f %10.1f\n",
-               sgs_profile_kind_name((sgs_profile_kind)k), 1e3 * t->build, 1e3 * t->refit,
-               1e3 * t->gather, 1e3 * t->gather_with_depth_bound, 1e-6 * t->bytes);
+        char refit[32] = "-";
+        if (k >= SGS_PROFILE_REFIT)
+            snprintf(refit, sizeof refit, "%.2f", 1e3 * t->refit);
+        printf("%-8s %10.2f %10s %12.2f %12.2f %10.1f\n",
+               sgs_profile_kind_name((sgs_profile_kind)k), 1e3 * t->build, refit, 1e3 * t->gather,
+               1e3 * t->gather_with_depth_bound, 1e-6 * t->bytes);
     }
-    printf("* core time per view, best of the repetitions (timing noise %.0f %%); bounded: with "
-           "depth bounds of an earlier visit, as in training; aged: after %d refits\n\n",
-           100 * m->noise, report->refits);
+    char noise[64] = "unknown with one repetition";
+    if (!isnan(m->noise))
+        snprintf(noise, sizeof noise, "%.0f %%", 100 * m->noise);
+    printf("* core time per view, best of the repetitions (timing noise %s); bounded: with depth "
+           "bounds of an earlier visit, as in training; aged: after %d refits%s\n\n",
+           noise, report->refits,
+           report->built_elsewhere ? "" : "; refit, aged: built for the same camera, the only one");
     printf("%-8s %9s %9s %6s %8s %8s %12s %12s %12s %12s\n", "tree", "nodes", "leaves", "depth",
-           "SA cost", "overlap", "node visits", "box tests", "callbacks", "distinct");
+           "SAH cost", "overlap", "node visits", "box tests", "callbacks", "distinct");
     for (int k = 0; k < SGS_PROFILE_KIND_COUNT; ++k) {
         const sgs_profile_tree *t = &m->trees[k];
         printf("%-8s %9.0f %9.0f %6.3g %8.1f %8.3f %12.0f %12.0f %12.0f %12.0f\n",
@@ -425,7 +452,7 @@ static void print_counters(const profile_report *report)
 void profile_print(const profile_report *report)
 {
     const sgs_profile *m = &report->mean;
-    printf("%.0f primitives, %.0f in reach of a ray, %.0f rays per view, %zu view%s, %s, %d "
+    printf("%.0f primitives, %.0f that a ray can hit, %.0f rays per view, %zu view%s, %s, %d "
            "thread%s\n\n",
            m->primitives, m->traced, m->rays, report->views, report->views == 1 ? "" : "s",
            sgs_isa_name(sgs_isa_get()), sgs_threads_get(), sgs_threads_get() == 1 ? "" : "s");
@@ -554,11 +581,11 @@ static json_t *answers_json(const profile_report *report)
     char *texts[] = {answer_quality(report), answer_rebuild(report), answer_dominant(report)};
     static const char *const keys[] = {"quality_text", "rebuild_text", "dominant_text"};
     json_object_set_new(answers, "quality_training",
-                        json_string(sgs_profile_kind_name(best_for_training(report))));
+                        json_string(sgs_profile_kind_name(best_tree(report, iteration_cost))));
     json_object_set_new(answers, "quality_drawing",
                         is_too_noisy(report)
                             ? json_null()
-                            : json_string(sgs_profile_kind_name(best_for_drawing(report))));
+                            : json_string(sgs_profile_kind_name(best_tree(report, view_cost))));
     json_object_set_new(answers, "rebuild_after_refits", json_number(rebuild_after(report)));
     json_object_set_new(answers, "dominant", json_string(largest.name));
     json_object_set_new(answers, "dominant_share", json_number(quotient(largest.seconds, whole)));

@@ -15,6 +15,7 @@
 typedef struct profile_report {
     sgs_profile mean;
     size_t views, sampled_views; // sampled: with a ray in a sampled pixel
+    bool built_elsewhere;        // refitted and aged trees were built for another camera
     int refits, repeat;
     const char *model, *scene; // as given to the command
     json_t *per_view;          // owned: an object for each view
@@ -25,9 +26,14 @@ typedef struct profile_report {
     const char *no_counters; // reason why counters are unavailable
 } profile_report;
 
-// Adds one view. Call profile_report_finish after the last one.
-void profile_report_add(profile_report *report, const char *name, const sgs_profile *profile);
+// Adds one view. built_for: name of the view that its refitted and aged trees were built for, NULL
+// for itself. Call profile_report_finish after the last one.
+void profile_report_add(profile_report *report, const char *name, const char *built_for,
+                        const sgs_profile *profile);
 void profile_report_finish(profile_report *report);
+
+// to += share * from. A counter that is missing (-1) in one of the values is missing in the sum.
+void profile_counters_add(sgs_counter_values *to, const sgs_counter_values *from, double share);
 
 void profile_print(const profile_report *report);
 json_t *profile_json(const profile_report *report);

@@ -127,7 +127,7 @@ typedef struct sgs_scaling {
     double bytes; // bytes moved in these iterations
     int threads;  // threads used
     int cores;    // cores available to them; 0 = one each
-    // Part of `seconds` with macrotiles as work items (gather and forward), and the number of
+    // Part of `seconds` with macrotiles as work items (gather, order and blend), and the number of
     // macrotiles of a view, which limits the number of busy cores. macrotiles 0 = arbitrarily
     // divisible.
     double macrotile_seconds, macrotiles;

@@ -241,6 +241,7 @@ typedef struct sgs_train_seconds {
         image_io, total;
     double serial;  // part of total: outside of parallel loops (BVH builds and refits are parallel)
     double waiting; // part of total: wait for the last thread of each loop, mean over the threads
+    double project; // part of forward: projection of the model
 } sgs_train_seconds;
 
 // Bytes moved by phase since this trainer was created: accesses to arrays of the size of the model,

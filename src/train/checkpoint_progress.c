@@ -64,6 +64,7 @@ static const sgsi_field fields[] = {
     OPTIONAL(seconds.total, F64),
     OPTIONAL(seconds.serial, F64),
     OPTIONAL(seconds.waiting, F64),
+    OPTIONAL(seconds.project, F64), // 0 in files without it
 };
 enum { FIELD_COUNT = sizeof fields / sizeof *fields };
 

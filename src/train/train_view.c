@@ -240,7 +240,9 @@ sgs_status sgsi_train_view_project(sgsi_train_views *views, sgsi_train_view *vie
     const sgsi_trace_seconds spent = sgsi_tracer_seconds(views->tracer);
     view->seconds->bvh_build += spent.bvh_build;
     view->seconds->bvh_refit += spent.bvh_refit;
-    view->seconds->forward += sgsi_tracer_seconds(views->rows).project;
+    const double project = sgsi_tracer_seconds(views->rows).project;
+    view->seconds->project += project;
+    view->seconds->forward += project;
     return SGS_STATUS_OK;
 }
 

@@ -21,6 +21,7 @@ check printed_summary_is_the_file cmp "$temporary/printed.json" "$out/summary.js
 json "$out/summary.json" '.iterations == 20 and .stop_reason == "schedule" and .gaussians > 0 and .train_seconds > 0'
 json "$out/summary.json" '[.seconds | has("gather", "forward", "loss", "backward", "optimizer", "bvh_refit", "bvh_build",
     "density", "spare", "image_io", "checkpoint")] | all'
+json "$out/summary.json" '.seconds | .project > 0 and .project < .forward' # a part of it
 json "$out/summary.json" '.seconds.checkpoint > 0'
 json "$out/summary.json" '.test.images == 5 and .test.psnr > 5 and .test.ssim > 0 and .test.lpips == null'
 json "$out/summary.json" '.train.images == 30 and .train.psnr > 5 and .train.ssim > 0'

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The conclusions of a profile from times chosen by hand.
+// The conclusions of a profile and the summary of a training run from times chosen by hand.
 
 #include <math.h>
 #include <setjmp.h>
@@ -12,6 +12,7 @@
 #include <cmocka.h>
 
 #include "report/profile_report.h"
+#include "report/scaling_report.h"
 #include "sparegs/runtime.h"
 
 typedef struct tree_times {
@@ -125,6 +126,25 @@ static void a_counter_missing_in_one_view_is_missing_in_the_mean(void **state)
     assert_true(sum.instructions == -1 && sum.cache_references == -1 && sum.branch_misses == -1);
 }
 
+// 96 macrotiles take two rounds on 64 cores; the projection is divided among all cores.
+static void projection_is_not_work_of_macrotiles(void **state)
+{
+    (void)state;
+    sgs_threads_set(1);
+    const sgs_train_seconds seconds = {
+        .gather = 0.2, .forward = 0.6, .project = 0.3, .backward = 0.2, .total = 1};
+    const sgs_train_bytes bytes = {.iterations = 10, .macrotiles = 960};
+    json_t *summary = json_object();
+    scaling_add_training(summary, &seconds, &bytes);
+    const json_t *machine =
+        json_array_get(json_object_get(summary, "predicted_speedup"), SCALING_TARGETS - 1);
+    assert_int_equal(json_integer_value(json_object_get(machine, "cores")), 64);
+    const double speedup = json_number_value(json_object_get(machine, "speedup"));
+    assert_true(fabs(speedup * (0.5 / 64 + 0.5 * 2 / 96) - 1) <= 1e-6);
+    json_decref(summary);
+    sgs_threads_set(0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -132,6 +152,7 @@ int main(void)
         cmocka_unit_test(unknown_or_large_noise_decides_nothing),
         cmocka_unit_test(views_name_the_camera_that_their_trees_were_built_for),
         cmocka_unit_test(a_counter_missing_in_one_view_is_missing_in_the_mean),
+        cmocka_unit_test(projection_is_not_work_of_macrotiles),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

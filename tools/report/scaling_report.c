@@ -43,7 +43,8 @@ void scaling_add_training(json_t *summary, const sgs_train_seconds *seconds,
                                  .bytes = bytes->total,
                                  .threads = sgs_threads_get(),
                                  .cores = sgs_cores(),
-                                 .macrotile_seconds = seconds->gather + seconds->forward,
+                                 .macrotile_seconds =
+                                     seconds->gather + seconds->forward - seconds->project,
                                  .macrotiles = bytes->macrotiles / iterations};
     json_object_set_new(summary, "serial_seconds", json_number(seconds->serial));
     json_object_set_new(summary, "waiting_seconds", json_number(seconds->waiting));

@@ -165,12 +165,11 @@ json_t *run_record_seconds(const sgs_train_seconds *s, double load, double check
     const struct {
         const char *name;
         double value;
-    } phases[] = {{"gather", s->gather},       {"forward", s->forward},
-                  {"loss", s->loss},           {"backward", s->backward},
-                  {"optimizer", s->optimizer}, {"bvh_refit", s->bvh_refit},
-                  {"bvh_build", s->bvh_build}, {"density", s->density},
-                  {"spare", s->spare},         {"image_io", load + s->image_io},
-                  {"checkpoint", checkpoint}};
+    } phases[] = {
+        {"gather", s->gather},       {"forward", s->forward},          {"project", s->project},
+        {"loss", s->loss},           {"backward", s->backward},        {"optimizer", s->optimizer},
+        {"bvh_refit", s->bvh_refit}, {"bvh_build", s->bvh_build},      {"density", s->density},
+        {"spare", s->spare},         {"image_io", load + s->image_io}, {"checkpoint", checkpoint}};
     json_t *seconds = json_object();
     for (size_t i = 0; i < sizeof phases / sizeof *phases; ++i)
         json_object_set_new(seconds, phases[i].name, json_number(phases[i].value));

@@ -44,7 +44,8 @@ const char *run_record_stop_reason(sgs_stop_reason stop);
 // NULL.
 bool run_record_is_complete(const json_t *summary);
 
-// The member "seconds" of summary.json: phases of the training, loading and checkpoints.
+// The member "seconds" of summary.json: phases of the training, loading and checkpoints; "project"
+// is a part of "forward".
 json_t *run_record_seconds(const sgs_train_seconds *seconds, double load, double checkpoint);
 
 // Claims OUT for a new run or to continue one, whose config.json *stored receives. False after

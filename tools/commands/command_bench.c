@@ -150,7 +150,7 @@ static bool make_settings(bench_run *run, bool isa_given)
         sgs_threads_set(run->values->threads.values[t]);
         made.threads = sgs_threads_get();
         if (made.threads > sgs_cores())
-            print_warning("%d threads on %d cores share cores; their times are not meaningful",
+            print_warning("%d threads oversubscribe %d cores; the times include waiting for a core",
                           made.threads, sgs_cores());
         if (sgs_machine_limits_measure(&made.limits)) {
             fail_library();

@@ -152,7 +152,8 @@ static void images_too_small_for_their_lens_are_rejected(void **state)
     sgsi_rays *rays = (sgsi_rays *)&camera;
     assert_int_equal(sgsi_rays_create(&camera, 2, &rays), SGS_STATUS_UNSUPPORTED);
     assert_null(rays);
-    assert_non_null(strstr(sgs_last_error(), "a tile of 16 x 16 pixels covers more than 174 degrees of this lens"));
+    assert_non_null(strstr(sgs_last_error(),
+                           "a tile of 16 x 16 pixels covers more than 174 degrees of this lens"));
 }
 
 static void every_failed_allocation_is_reported(void **state)

@@ -70,7 +70,8 @@ SGS_API void sgs_rap_destroy(sgs_rap_network *network);
 // RAP's features: comparisons with the 128 nearest neighbours (all, if there are fewer) and with
 // the model, in [0, 1]. features: [model->count][SGS_RAP_FEATURES]; overwritten. progress: called
 // during the computation, or NULL. Needs about 700 bytes per primitive. Fails with
-// INVALID_ARGUMENT (fewer than two primitives), OUT_OF_MEMORY, LIMIT or CANCELLED.
+// INVALID_ARGUMENT (fewer than two primitives, or a parameter is not finite), OUT_OF_MEMORY, LIMIT
+// or CANCELLED.
 SGS_API sgs_status sgs_rap_features(const sgs_gaussians *model, sgs_progress_fn progress,
                                     void *user, float *features);
 // Name of feature k, or NULL. Owned by the library.
@@ -112,8 +113,8 @@ static inline sgs_prune_options sgs_prune_options_default(void)
 }
 
 // Scores: [model->count], higher is more important; overwritten, finite. Fails with
-// INVALID_ARGUMENT (options, missing inputs), as sgs_contributions, or with OUT_OF_MEMORY or
-// CANCELLED.
+// INVALID_ARGUMENT (options, missing inputs, a parameter that is not finite), as sgs_contributions,
+// or with OUT_OF_MEMORY or CANCELLED. An infinite logit of the opacity is valid.
 SGS_API sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_options *options,
                                     double *scores);
 

@@ -288,9 +288,10 @@ static void offer(candidate_heap *heap, candidate item)
     heap->items[at] = item;
 }
 
-static double worst_distance(const candidate_heap *heap)
+// Infinite distances compare, too: only a full heap excludes points.
+static bool excludes(const candidate_heap *heap, double distance)
 {
-    return heap->count == heap->wanted ? heap->items[0].distance : INFINITY;
+    return heap->count == heap->wanted && distance >= heap->items[0].distance;
 }
 
 static void search_many(const tree *t, const tree_point *query, candidate_heap *heap)
@@ -300,7 +301,7 @@ static void search_many(const tree *t, const tree_point *query, candidate_heap *
     stack[depth++] = (visit){0.0, 1, 0};
     while (depth) {
         const visit at = stack[--depth];
-        if (at.distance >= worst_distance(heap))
+        if (excludes(heap, at.distance))
             continue;
         if (at.level == t->levels) {
             const size_t leaf = at.node - ((size_t)1 << at.level);

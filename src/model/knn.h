@@ -23,7 +23,8 @@ typedef struct sgsi_knn_tree sgsi_knn_tree;
 
 enum { SGSI_KNN_MAX = 256 };
 
-// points [n][3], finite; copied. Fails as sgsi_knn; *made is then NULL.
+// points [n][3]; copied. Fails as sgsi_knn; *made is then NULL. With coordinates that are not
+// finite the search is safe, but which neighbours it finds is unspecified.
 sgs_status sgsi_knn_tree_create(const float *points, size_t n, sgsi_knn_tree **made);
 void sgsi_knn_tree_destroy(sgsi_knn_tree *t); // accepts NULL
 

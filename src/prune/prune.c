@@ -125,6 +125,8 @@ sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_options 
     sgs_status status = sgsi_options_read(options, "sgs_prune_options", &own, sizeof own);
     if (!status)
         status = check_inputs(&own);
+    if (!status)
+        status = sgsi_prune_model_check(model);
     if (status || !model->count)
         return status;
     switch (own.method) {

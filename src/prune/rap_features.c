@@ -21,6 +21,7 @@
 #include "base/threads.h"
 #include "model/knn.h"
 #include "model/opacity.h"
+#include "prune/scores.h"
 #include "sparegs/prune.h"
 
 enum {
@@ -325,11 +326,14 @@ sgs_status sgs_rap_features(const sgs_gaussians *model, sgs_progress_fn progress
                          "the model has %zu primitives; RAP compares primitives with their "
                          "neighbours and requires at least 2",
                          model->count);
+    sgs_status status = sgsi_prune_model_check(model);
+    if (status)
+        return status;
     rap_job job = {.model = model,
                    .wanted = model->count - 1 < NEIGHBOURS ? model->count - 1 : NEIGHBOURS,
                    .features = features};
     set_basis(&job);
-    const sgs_status status = compute(&job, progress, user);
+    status = compute(&job, progress, user);
     sgsi_free(job.points);
     sgsi_free(job.neighbours);
     sgsi_free(job.quantities);

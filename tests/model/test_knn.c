@@ -240,11 +240,41 @@ static void many_neighbours_equal_sorting(void **state)
         }
 }
 
+// Every point receives k different other points, whatever the coordinates are.
+static void points_that_are_not_finite_have_neighbours(void **state)
+{
+    (void)state;
+    enum { POINTS = 400, NEIGHBOURS = 128 };
+    static const float values[] = {INFINITY, -INFINITY, NAN};
+    static uint32_t neighbours[POINTS * NEIGHBOURS];
+    for (size_t v = 0; v < sizeof values / sizeof *values; ++v)
+        for (size_t step = 1; step < POINTS; step = 4 * step + 2) {
+            float *points = make_cloud(uniform, POINTS);
+            for (size_t i = 0; i < POINTS; i += step)
+                points[3 * i + i % 3] = values[v];
+            memset(neighbours, 0xFF, sizeof neighbours);
+            sgsi_knn_tree *tree;
+            assert_int_equal(sgsi_knn_tree_create(points, POINTS, &tree), SGS_STATUS_OK);
+            sgsi_knn_tree_search(tree, 0, POINTS, NEIGHBOURS, neighbours);
+            for (size_t i = 0; i < POINTS; ++i) {
+                bool seen[POINTS] = {false};
+                for (size_t k = 0; k < NEIGHBOURS; ++k) {
+                    const uint32_t j = neighbours[i * NEIGHBOURS + k];
+                    assert_true(j < POINTS && j != i && !seen[j]);
+                    seen[j] = true;
+                }
+            }
+            sgsi_knn_tree_destroy(tree);
+            free(points);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(knn_equals_brute_force),
         cmocka_unit_test(many_neighbours_equal_sorting),
+        cmocka_unit_test(points_that_are_not_finite_have_neighbours),
         cmocka_unit_test(knn_of_nothing_is_fine),
         cmocka_unit_test(knn_is_the_same_for_every_thread_count),
         cmocka_unit_test(knn_fails_cleanly_without_memory),

@@ -228,6 +228,34 @@ static void degenerate_models_have_finite_features(void **state)
     oracle_scene_free(&model);
 }
 
+static void models_that_are_not_finite_are_refused(void **state)
+{
+    (void)state;
+    enum { ENOUGH = 150 }; // more than there are neighbours
+    static const float values[] = {INFINITY, -INFINITY, NAN};
+    float features[ENOUGH * SGS_RAP_FEATURES];
+    oracle_scene model = oracle_random_model(3, ENOUGH, NULL);
+    for (size_t v = 0; v < 3; ++v)
+        for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
+            if (k == SGS_PARAM_OPACITY && !isnan(values[v]))
+                continue; // opacity 0 or 1
+            float *at = sgs_gaussians_at(model.model, 120, k);
+            const float kept = *at;
+            *at = values[v];
+            assert_int_equal(sgs_rap_features(model.model, NULL, NULL, features),
+                             SGS_STATUS_INVALID_ARGUMENT);
+            assert_string_equal(sgs_last_error(),
+                                "primitive 120 has a parameter that is not finite; remove it");
+            *at = kept;
+        }
+    *sgs_gaussians_at(model.model, 120, SGS_PARAM_OPACITY) = INFINITY;
+    *sgs_gaussians_at(model.model, 121, SGS_PARAM_OPACITY) = -INFINITY;
+    assert_int_equal(sgs_rap_features(model.model, NULL, NULL, features), 0);
+    for (size_t k = 0; k < sizeof features / sizeof *features; ++k)
+        assert_true(features[k] >= 0 && features[k] <= 1);
+    oracle_scene_free(&model);
+}
+
 // ---- The network and its file ----
 
 static const int widths[LAYERS + 1] = {15, 32, 32, 16, 2};
@@ -431,6 +459,7 @@ int main(void)
         cmocka_unit_test(features_are_those_of_the_definitions),
         cmocka_unit_test(features_do_not_depend_on_threads),
         cmocka_unit_test(degenerate_models_have_finite_features),
+        cmocka_unit_test(models_that_are_not_finite_are_refused),
         cmocka_unit_test(the_network_is_the_one_in_the_file),
         cmocka_unit_test(damaged_files_are_refused),
         cmocka_unit_test(scores_require_the_network),

@@ -46,7 +46,9 @@ typedef struct sgs_compress_options {
     // Views for importance, distillation and fine-tuning, with images if fine-tuning is on; NULL =
     // none. Only views of the training split are used.
     const sgs_scene *scene;
-    const sgs_render_options *render; // filter and near distance of these views; NULL = defaults
+    // Filter and near distance of these views; NULL = the defaults with the near distance of the
+    // scene, sgs_near_distance(scene->extent), as in training.
+    const sgs_render_options *render;
     float background[3];
     int finetune; // iterations; -1 = the method's default: 0 without a scene
     // Fraction of the primitives to keep, in (0, 1]: LightGaussian, MesonGS, GHAP.

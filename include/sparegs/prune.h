@@ -24,7 +24,8 @@ extern "C" {
 // What to trace: the training views of a scene.
 typedef struct sgs_view_pass_options {
     size_t struct_size; // set by sgs_view_pass_options_default()
-    // Of the views; `differentiable` and `progress` are ignored. NULL = the defaults.
+    // Of the views; `differentiable` and `progress` are ignored. NULL = the defaults with the near
+    // distance of the scene, sgs_near_distance(scene->extent), as in training.
     const sgs_render_options *render;
     int downscale;            // divisor of width and height, which are rounded up; 1..1024; 1
     sgs_progress_fn progress; // called after every view, or NULL
@@ -92,7 +93,7 @@ typedef struct sgs_prune_options {
     size_t struct_size; // set by sgs_prune_options_default()
     sgs_prune_method method;
     const sgs_scene *scene;             // LightGaussian, PUP: its training views
-    const sgs_view_pass_options *views; // LightGaussian, PUP; NULL = the defaults
+    const sgs_view_pass_options *views; // LightGaussian, PUP; NULL = the defaults for the scene
     const double (*cameras)[3];         // REFINE: [camera_count] camera centres, world
     size_t camera_count;        // REFINE: > 0; of more than 64 a fixed random subset is used
     double volume_power;        // LightGaussian: exponent of the volume, 0..10; 0.1

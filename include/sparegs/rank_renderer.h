@@ -22,7 +22,8 @@ typedef struct sgs_rank_renderer sgs_rank_renderer;
 
 // Divides the primitives of a model file, as sgs_ply_read reads it, among two or more ranks. Rank 0
 // reads the file in parts; other ranks ignore `path`. The scene must outlive the renderer; its
-// photos are not used. options NULL = the defaults; filter_3d, progress and differentiable are
+// photos are not used. options NULL = the defaults with the near distance of the scene,
+// sgs_near_distance(scene->extent), as in training; filter_3d, progress and differentiable are
 // ignored. Fails as sgs_ply_read, with OUT_OF_MEMORY, INVALID_ARGUMENT (options, one rank) or
 // UNSUPPORTED (Embree); *renderer is then NULL. Collective.
 SGS_API sgs_status sgs_rank_renderer_create(sgs_ranks *ranks, const sgs_scene *scene,

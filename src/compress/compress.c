@@ -166,6 +166,8 @@ static sgs_status encode(const sgsi_compress_method *method, const sgs_gaussians
                              .count = model->count,
                              .sh_degree = model->sh_degree,
                              .out = packer};
+    if (options->scene)
+        job.render.near_distance = sgs_near_distance(options->scene->extent);
     sgs_status status =
         sgsi_options_read(options->render, "sgs_render_options", &job.render, sizeof job.render);
     if (!status)

@@ -112,9 +112,11 @@ static sgs_status trace_view(view_pass *pass, const sgs_view *source, sgsi_trace
     return visit(context, &traced);
 }
 
-static sgs_status read_options(const sgs_view_pass_options *options, sgs_render_options *render)
+static sgs_status read_options(const sgs_scene *scene, const sgs_view_pass_options *options,
+                               sgs_render_options *render)
 {
     *render = sgs_render_options_default();
+    render->near_distance = sgs_near_distance(scene->extent);
     const sgs_status status =
         sgsi_options_read(options->render, "sgs_render_options", render, sizeof *render);
     if (status)
@@ -131,7 +133,7 @@ sgs_status sgsi_view_pass(const sgs_gaussians *model, const sgs_scene *scene,
 {
     size_t total = 0, done = 0;
     view_pass pass = {.model = model, .downscale = options->downscale};
-    sgs_status status = read_options(options, &pass.render);
+    sgs_status status = read_options(scene, options, &pass.render);
     for (size_t i = 0; i < scene->view_count; ++i)
         total += scene->views[i].split == SGS_SPLIT_TRAIN;
     if (!status && !total)

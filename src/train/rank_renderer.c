@@ -103,6 +103,7 @@ static sgs_status create_views(sgs_rank_renderer *renderer, sgs_ranks *ranks,
                                const sgs_scene *scene, const sgs_render_options *options)
 {
     sgs_render_options own = sgs_render_options_default();
+    own.near_distance = sgs_near_distance(scene->extent);
     sgs_status status = sgsi_options_read(options, "sgs_render_options", &own, sizeof own);
     own.filter_3d = NULL;
     if (!status)

@@ -230,6 +230,57 @@ static void distillation_decays_what_no_view_sees(void **state)
     sgs_scene_destroy(scene);
 }
 
+// Whether a primitive 0.1 in front of the only training camera is kept.
+static bool keeps_what_is_near(const sgs_compress_options *options)
+{
+    sgs_gaussians *model = pack_model(100, 1, 7);
+    double center[3], length = 0;
+    sgs_pose_center(&options->scene->views[0].pose, center);
+    for (int k = 0; k < 3; ++k)
+        length += center[k] * center[k];
+    for (int k = 0; k < 3; ++k) {
+        *sgs_gaussians_at(model, 50, SGS_PARAM_MEAN + k) =
+            (float)(center[k] * (1 - 0.1 / sqrt(length)));
+        *sgs_gaussians_at(model, 50, SGS_PARAM_SCALE + k) = -4;
+    }
+    *sgs_gaussians_at(model, 50, SGS_PARAM_OPACITY) = 2;
+    sgs_gaussians *decoded = through(model, options);
+    bool kept = false;
+    for (size_t i = 0; i < decoded->count; ++i) {
+        double square = 0;
+        for (int k = 0; k < 3; ++k)
+            square += pow((double)*sgs_gaussians_at(decoded, i, k) -
+                              (double)*sgs_gaussians_at(model, 50, k),
+                          2);
+        kept = kept || square < 1e-6;
+    }
+    sgs_gaussians_destroy(decoded);
+    sgs_gaussians_destroy(model);
+    return kept;
+}
+
+static void the_near_distance_is_that_of_the_scene(void **state)
+{
+    (void)state;
+    sgs_scene *scene = prune_scene(48, 32);
+    for (size_t k = 1; k < scene->view_count; ++k)
+        scene->views[k].split = SGS_SPLIT_TEST;
+    scene->extent = 0.25; // near distance 0.05
+    const sgs_render_options render = sgs_render_options_default();
+    sgs_compress_options options = sgs_compress_options_default();
+    options.method = SGS_COMPRESS_LIGHTGAUSSIAN;
+    options.scene = scene;
+    options.keep = 0.5;
+    options.finetune = 0;
+    options.distill = 1;
+    options.vq_steps = 1;
+    options.codebook = 16;
+    assert_true(keeps_what_is_near(&options));
+    options.render = &render; // of the caller: 0.2
+    assert_false(keeps_what_is_near(&options));
+    sgs_scene_destroy(scene);
+}
+
 // True if another row has the same SH coefficients: with a codebook of one entry, those that it
 // replaces.
 static bool shares_its_color(const sgs_gaussians *model, size_t row)
@@ -299,6 +350,7 @@ int main(void)
         cmocka_unit_test(halves_keep_rotations_of_any_length),
         cmocka_unit_test(distillation_rates_are_those_of_the_release),
         cmocka_unit_test(distillation_decays_what_no_view_sees),
+        cmocka_unit_test(the_near_distance_is_that_of_the_scene),
         cmocka_unit_test(least_significant_rows_of_the_final_model_are_quantised),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -100,6 +100,38 @@ static void contributions_are_those_of_the_reference(void **state)
     oracle_scene_free(&model);
 }
 
+// In a small scene, primitives closer than the default near distance of 0.2 count.
+static void the_near_distance_is_that_of_the_scene(void **state)
+{
+    (void)state;
+    oracle_scene model = oracle_random_model(12, 10, NULL);
+    sgs_scene *scene = prune_scene(WIDTH, HEIGHT);
+    double center[3];
+    for (size_t k = 1; k < scene->view_count; ++k)
+        scene->views[k].split = SGS_SPLIT_TEST;
+    sgs_pose_center(&scene->views[0].pose, center);
+    const double share =
+        1 - 0.1 / sqrt(center[0] * center[0] + center[1] * center[1] + center[2] * center[2]);
+    oracle_set_ball(oracle_primitive(&model, 3), share * center[0], share * center[1],
+                    share * center[2], 0.01, 0.5); // 0.1 in front of the camera
+    oracle_scene_round(&model);
+    sgs_contribution sums[10];
+    static const double extents[] = {0.05, 0.45, 0.55, 2}; // near distances 0.01, 0.09, 0.11, 0.2
+    for (size_t k = 0; k < sizeof extents / sizeof *extents; ++k) {
+        scene->extent = extents[k];
+        assert_int_equal(sgs_contributions(model.model, scene, NULL, sums), 0);
+        assert_true((sums[3].hits > 0) == (k < 2));
+    }
+    sgs_view_pass_options options = sgs_view_pass_options_default();
+    const sgs_render_options render = sgs_render_options_default();
+    options.render = &render; // the caller's near distance is kept
+    scene->extent = 0.05;
+    assert_int_equal(sgs_contributions(model.model, scene, &options, sums), 0);
+    assert_true(sums[3].hits == 0);
+    sgs_scene_destroy(scene);
+    oracle_scene_free(&model);
+}
+
 static void lightgaussian_weighs_by_the_volume(void **state)
 {
     (void)state;
@@ -330,16 +362,52 @@ static void missing_inputs_and_cancellation_are_reported(void **state)
     oracle_scene_free(&model);
 }
 
+static void models_that_are_not_finite_are_refused(void **state)
+{
+    (void)state;
+    oracle_scene model = oracle_random_model(2, 40, NULL);
+    sgs_scene *scene = prune_scene(WIDTH, HEIGHT);
+    const double cameras[1][3] = {{0, 0, -4}};
+    double scores[40];
+    sgs_prune_options options = sgs_prune_options_default();
+    options.scene = scene;
+    options.cameras = cameras;
+    options.camera_count = 1;
+    options.fisher_downscale = 1;
+    static const sgs_prune_method methods[] = {SGS_PRUNE_LIGHTGAUSSIAN, SGS_PRUNE_REFINE,
+                                               SGS_PRUNE_PUP};
+    for (size_t m = 0; m < sizeof methods / sizeof *methods; ++m) {
+        options.method = methods[m];
+        *sgs_gaussians_at(model.model, 7, SGS_PARAM_OPACITY) = INFINITY; // opacity 1
+        if (sgs_prune_scores(model.model, &options, scores))
+            fail_msg("method %d: %s", (int)methods[m], sgs_last_error());
+        for (size_t i = 0; i < 40; ++i)
+            assert_true(isfinite(scores[i]));
+        float *at = sgs_gaussians_at(model.model, 33, SGS_PARAM_MEAN + 2);
+        const float kept = *at;
+        *at = INFINITY;
+        assert_int_equal(sgs_prune_scores(model.model, &options, scores),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_string_equal(sgs_last_error(),
+                            "primitive 33 has a parameter that is not finite; remove it");
+        *at = kept;
+    }
+    sgs_scene_destroy(scene);
+    oracle_scene_free(&model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(contributions_are_those_of_the_reference),
+        cmocka_unit_test(the_near_distance_is_that_of_the_scene),
         cmocka_unit_test(lightgaussian_weighs_by_the_volume),
         cmocka_unit_test(refine_is_its_closed_form),
         cmocka_unit_test(the_subset_of_cameras_is_that_of_python),
         cmocka_unit_test(the_share_is_removed_by_the_rule_of_the_method),
         cmocka_unit_test(kept_rows_are_unchanged_and_in_order),
         cmocka_unit_test(missing_inputs_and_cancellation_are_reported),
+        cmocka_unit_test(models_that_are_not_finite_are_refused),
     };
     return cmocka_run_group_tests(tests, one_thread, NULL);
 }

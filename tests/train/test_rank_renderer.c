@@ -113,8 +113,9 @@ static int finish(void **state)
 typedef struct member {
     const char *path;
     sgs_render_options options;
-    int frame_width;   // of the frame for the first view
-    size_t first_view; // index
+    bool uses_defaults; // the scene's instead of `options`
+    int frame_width;    // of the frame for the first view
+    size_t first_view;  // index
     sgs_frame frames[VIEWS];
     sgs_status status;
     char message[256];
@@ -124,7 +125,8 @@ static void run_rank(void *context, sgs_ranks *ranks)
 {
     member *m = context;
     sgs_rank_renderer *renderer = NULL;
-    m->status = sgs_rank_renderer_create(ranks, scene, m->path, &m->options, &renderer);
+    m->status = sgs_rank_renderer_create(ranks, scene, m->path,
+                                         m->uses_defaults ? NULL : &m->options, &renderer);
     for (int v = 0; v < VIEWS && !m->status; ++v) {
         const int receiver = v % sgs_ranks_count(ranks);
         sgs_status own = SGS_STATUS_OK;
@@ -206,6 +208,33 @@ static void images_have_the_bits_of_one_process(void **state)
     sgs_gaussians_destroy(model);
 }
 
+// Without options the near distance is that of the scene.
+static void the_defaults_are_those_of_the_scene(void **state)
+{
+    (void)state;
+    const char *path = temp_path(&folder, "model.ply");
+    const double extent = scene->extent;
+    sgs_gaussians *model;
+    sgs_renderer *renderer;
+    assert_int_equal(sgs_ply_read(path, &model), SGS_STATUS_OK);
+    for (int i = 0; i < 3; ++i) { // around the first camera
+        *sgs_gaussians_at(model, 0, SGS_PARAM_MEAN + i) = i < 2 ? 0.0f : 0.1f;
+        *sgs_gaussians_at(model, 0, SGS_PARAM_SCALE + i) = -4.0f;
+    }
+    path = temp_path(&folder, "near.ply");
+    assert_int_equal(sgs_ply_write(path, model), SGS_STATUS_OK);
+    assert_int_equal(sgs_renderer_create(model, &renderer), SGS_STATUS_OK);
+    scene->extent = 0.1;
+    member plan = plan_of(path, SGS_FILTER_3DGS);
+    plan.uses_defaults = true;
+    plan.options.near_distance = sgs_near_distance(scene->extent); // of the expected images
+    assert_true(plan.options.near_distance < 0.1);
+    compare(renderer, &plan, 2);
+    scene->extent = extent;
+    sgs_renderer_destroy(renderer);
+    sgs_gaussians_destroy(model);
+}
+
 static void expect_failure(const member *plan, sgs_status status, const char *text)
 {
     member all[MAX_RANKS];
@@ -244,6 +273,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(images_have_the_bits_of_one_process),
+        cmocka_unit_test(the_defaults_are_those_of_the_scene),
         cmocka_unit_test(failures_are_those_of_all_ranks),
     };
     return cmocka_run_group_tests(tests, prepare, finish);

@@ -14,6 +14,7 @@
 #include "formats/color_marks.h"
 #include "formats/model_rows.h"
 #include "model/sh_degree.h"
+#include "model/similarity.h"
 
 // In the order of sgs_compress_method.
 static const sgsi_compress_method *const methods[] = {
@@ -153,7 +154,13 @@ static sgs_status copy_rows(const sgs_gaussians *model, float **rows)
         for (int k = 0; k < SGS_PARAM_COUNT; ++k)
             if (!isfinite(row[k]))
                 return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                                 "primitive %zu has a parameter that is not finite", i);
+                                 "primitive %zu has a parameter that is not finite; remove it", i);
+        for (int k = SGS_PARAM_SCALE; k < SGS_PARAM_SCALE + 3; ++k)
+            if (row[k] > SGSI_MAX_LOG_SCALE) // as readers of models, which omit it
+                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                                 "primitive %zu has a log scale of %g, above the limit of %g; "
+                                 "remove it",
+                                 i, (double)row[k], (double)SGSI_MAX_LOG_SCALE);
     }
     return SGS_STATUS_OK;
 }

@@ -387,6 +387,33 @@ static bool stop(void *user, const char *stage, size_t done, size_t total)
     return false;
 }
 
+// What would be stored as an infinite scale, or as a covariance beyond float, is refused by name.
+static void scales_out_of_range_are_refused(void **state)
+{
+    (void)state;
+    static const float values[] = {44.5f, 45, 89, 1e30f, INFINITY};
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "pack");
+    for (int m = 0; m < TESTED; ++m) {
+        sgs_gaussians *model = pack_model(COUNT, 1, 9), *decoded;
+        const sgs_compress_options options = options_of(tested[m], 1);
+        for (size_t k = 0; k < sizeof values / sizeof *values; ++k) {
+            *sgs_gaussians_at(model, 7, SGS_PARAM_SCALE + 1) = values[k];
+            assert_int_equal(sgs_compress(model, &options, path, NULL),
+                             SGS_STATUS_INVALID_ARGUMENT);
+            assert_non_null(strstr(sgs_last_error(), "primitive 7 has a "));
+            assert_int_equal(temp_folder_count(&folder), 0);
+        }
+        *sgs_gaussians_at(model, 7, SGS_PARAM_SCALE + 1) = 44;
+        if (sgs_compress(model, &options, path, NULL) || sgs_decompress(path, &decoded, NULL))
+            fail_msg("%s: %s", sgs_compress_method_name(tested[m]), sgs_last_error());
+        sgs_gaussians_destroy(decoded);
+        sgs_gaussians_destroy(model);
+        remove(path);
+    }
+    temp_folder_remove(&folder);
+}
+
 static void cancelling_leaves_the_old_file(void **state)
 {
     (void)state;
@@ -504,6 +531,7 @@ int main(void)
         cmocka_unit_test(changed_contents_never_give_broken_models),
         cmocka_unit_test(invalid_options_are_refused),
         cmocka_unit_test(cancelling_leaves_the_old_file),
+        cmocka_unit_test(scales_out_of_range_are_refused),
         cmocka_unit_test(marks_are_kept),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -7,6 +7,7 @@
 // Threads: all functions may be called from any thread at any time.
 
 #include "sparegs/gaussians.h"
+#include "sparegs/image.h"
 #include "sparegs/render.h"
 
 #ifdef __cplusplus
@@ -23,15 +24,18 @@ SGS_API sgs_status sgs_run_model_path(const char *folder, char *path, size_t byt
 
 // Settings of a run that a rendering of its model depends on.
 typedef struct sgs_run_settings {
-    int iteration;       // of the newest model
-    sgs_filter filter;   // for sgs_render_options
-    double compact_box;  // for sgs_render_options
-    float background[3]; // in the space of the model; 0 if training used a random background
+    int iteration;           // of the newest model
+    sgs_filter filter;       // for sgs_render_options
+    double compact_box;      // for sgs_render_options
+    float background[3];     // in the space of the model; 0 if training used a random background
+    double near_distance;    // for sgs_render_options; world units
+    sgs_model_colors colors; // of the model: --train-space and --white of the run
 } sgs_run_settings;
 
-// Reads the newest model and config.json of a run. Without config.json the settings are the
-// defaults. The caller destroys *model; it may be NULL to read the settings only. Fails with IO,
-// FORMAT, UNSUPPORTED, LIMIT or OUT_OF_MEMORY; *model is then NULL.
+// Reads the newest model and config.json of a run. What config.json lacks has the values of
+// sgs_render_options_default(), and `colors` those of sgs_model_read_colors. The caller destroys
+// *model; it may be NULL to read the settings only. Fails with IO, FORMAT, UNSUPPORTED, LIMIT or
+// OUT_OF_MEMORY; *model is then NULL.
 SGS_API sgs_status sgs_run_read(const char *folder, sgs_gaussians **model,
                                 sgs_run_settings *settings);
 

@@ -8,12 +8,15 @@
 #include <dirent.h>
 #include <errno.h>
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "base/core.h"
+#include "formats/color_marks.h"
+#include "sparegs/model_file.h"
 
 enum { MAX_PATH = 4096, MAX_ITERATIONS = 1000000000 };
 
@@ -23,7 +26,10 @@ int sgs_run_iteration(const char *name)
     char *end;
     if (strncmp(name, prefix, sizeof prefix - 1))
         return 0;
-    const long iteration = strtol(name + sizeof prefix - 1, &end, 10);
+    const char *number = name + sizeof prefix - 1;
+    if (*number < '1' || *number > '9') // strtol accepts spaces and a sign
+        return 0;
+    const long iteration = strtol(number, &end, 10);
     return *end || iteration < 1 || iteration >= MAX_ITERATIONS ? 0 : (int)iteration;
 }
 
@@ -87,6 +93,59 @@ static bool read_background(const json_t *value, float background[3])
     return true;
 }
 
+static bool read_compact_box(const json_t *value, double *compact_box)
+{
+    if (value)
+        *compact_box = json_number_value(value);
+    return *compact_box > 0.0 && *compact_box <= 1.0;
+}
+
+// Runs of earlier versions did not record it.
+static bool read_near(const json_t *value, double *near_distance)
+{
+    if (value)
+        *near_distance = json_number_value(value);
+    return *near_distance > 0.0 && isfinite(*near_distance);
+}
+
+static bool read_space(const json_t *value, sgs_model_colors *colors)
+{
+    const char *text = json_string_value(value);
+    const bool linear = text && !strcmp(text, "linear");
+    if (!value)
+        return true;
+    colors->space_known = true;
+    colors->space = linear ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB;
+    return linear || (text && !strcmp(text, "srgb"));
+}
+
+// 0: not measured, because no image has linear values.
+static bool read_white(const json_t *value, sgs_model_colors *colors)
+{
+    const double white = json_number_value(value);
+    colors->white_point = sgsi_white_point_checked(white);
+    return !value || json_is_null(value) || (json_is_number(value) && white == colors->white_point);
+}
+
+// What is wrong with the configuration, or NULL.
+static const char *apply_config(const json_t *config, sgs_run_settings *settings)
+{
+    const json_t *options = json_object_get(config, "options");
+    if (!read_filter(json_object_get(options, "filter"), &settings->filter))
+        return "option filter";
+    if (!read_background(json_object_get(options, "background"), settings->background))
+        return "option background";
+    if (!read_compact_box(json_object_get(options, "compact_box"), &settings->compact_box))
+        return "option compact_box";
+    if (!read_space(json_object_get(options, "train_space"), &settings->colors))
+        return "option train_space";
+    if (!read_white(json_object_get(options, "white"), &settings->colors))
+        return "option white";
+    return read_near(json_object_get(config, "near_distance"), &settings->near_distance)
+               ? NULL
+               : "near_distance";
+}
+
 static sgs_status read_config(const char *folder, sgs_run_settings *settings)
 {
     char path[MAX_PATH];
@@ -104,30 +163,25 @@ static sgs_status read_config(const char *folder, sgs_run_settings *settings)
     sgsi_free(text);
     if (!config)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: %s", path, error.line, error.text);
-    const json_t *options = json_object_get(config, "options"),
-                 *box = json_object_get(options, "compact_box");
-    const char *wrong = NULL;
-    if (!read_filter(json_object_get(options, "filter"), &settings->filter))
-        wrong = "filter";
-    else if (!read_background(json_object_get(options, "background"), settings->background))
-        wrong = "background";
-    else if (box && !(json_number_value(box) > 0.0 && json_number_value(box) <= 1.0))
-        wrong = "compact_box";
-    else if (box)
-        settings->compact_box = json_number_value(box);
+    const char *wrong = apply_config(config, settings);
     json_decref(config);
-    return wrong ? sgsi_fail(SGS_STATUS_FORMAT, "%s: option %s has an unknown value", path, wrong)
+    return wrong ? sgsi_fail(SGS_STATUS_FORMAT, "%s: %s has an unknown value", path, wrong)
                  : SGS_STATUS_OK;
 }
 
 sgs_status sgs_run_read(const char *folder, sgs_gaussians **model, sgs_run_settings *settings)
 {
     char path[MAX_PATH];
-    *settings = (sgs_run_settings){.filter = SGS_FILTER_3DGS, .compact_box = 1.0};
+    const sgs_render_options defaults = sgs_render_options_default();
+    *settings = (sgs_run_settings){.filter = defaults.filter,
+                                   .compact_box = defaults.compact_box,
+                                   .near_distance = defaults.near_distance};
     if (model)
         *model = NULL;
     sgs_status status = sgs_run_model_path(folder, path, sizeof path, &settings->iteration);
     if (!status)
         status = read_config(folder, settings);
+    if (!status && !settings->colors.space_known)
+        status = sgs_model_read_colors(path, &settings->colors);
     return status || !model ? status : sgs_ply_read(path, model);
 }

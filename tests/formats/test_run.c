@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 #include "base/core.h"
+#include "sparegs/model_file.h"
 #include "sparegs/run.h"
 #include "support/files_support.h"
 
@@ -85,9 +86,49 @@ static void the_newest_model_is_read_with_its_settings(void **state)
     assert_int_equal(sgs_run_model_path(run, path, 20, NULL), SGS_STATUS_LIMIT);
     assert_int_equal(sgs_run_iteration("iteration_7000"), 7000);
     const char *const others[] = {"iteration_",   "iteration_7x", "iteration_0",
-                                  "iteration_-7", "7000",         "iteration_99999999999"};
+                                  "iteration_ 7", "iteration_+7", "iteration_-7",
+                                  "7000",         "iteration_07", "iteration_99999999999"};
     for (size_t k = 0; k < sizeof others / sizeof *others; ++k)
         assert_int_equal(sgs_run_iteration(others[k]), 0);
+}
+
+// A model of a small scene in linear light is rendered as it was trained.
+static void near_distance_and_colours_are_those_of_the_training(void **state)
+{
+    (void)state;
+    sgs_run_settings settings;
+    put("config.json", "{\"near_distance\": 0.0112, \"options\": {\"train_space\": \"linear\", "
+                       "\"white\": 5.25}}");
+    assert_int_equal(sgs_run_read(run, NULL, &settings), SGS_STATUS_OK);
+    assert_true(settings.near_distance == 0.0112);
+    assert_true(settings.colors.space_known && settings.colors.space == SGS_SPACE_LINEAR &&
+                settings.colors.white_point == 5.25);
+    put("config.json", "{\"near_distance\": 0.2, \"options\": {\"train_space\": \"srgb\", "
+                       "\"white\": 1.0}}");
+    assert_int_equal(sgs_run_read(run, NULL, &settings), SGS_STATUS_OK);
+    assert_true(settings.near_distance == 0.2);
+    assert_true(settings.colors.space_known && settings.colors.space == SGS_SPACE_SRGB &&
+                settings.colors.white_point == 1);
+    // Without the options: the defaults, and what the file of the model records.
+    char path[1024];
+    sgs_gaussians *model;
+    sgs_model_write_options options = sgs_model_write_options_default();
+    options.colors =
+        (sgs_model_colors){.space_known = true, .space = SGS_SPACE_LINEAR, .white_point = 3};
+    put_model("iteration_5000", 2);
+    assert_int_equal(sgs_run_model_path(run, path, sizeof path, NULL), SGS_STATUS_OK);
+    assert_int_equal(sgs_ply_read(path, &model), SGS_STATUS_OK);
+    assert_int_equal(sgs_model_write(path, model, &options, NULL), SGS_STATUS_OK);
+    sgs_gaussians_destroy(model);
+    put("config.json", "{\"options\": {}}");
+    assert_int_equal(sgs_run_read(run, NULL, &settings), SGS_STATUS_OK);
+    assert_int_equal(settings.iteration, 5000);
+    assert_true(settings.near_distance == sgs_render_options_default().near_distance);
+    assert_true(settings.colors.space_known && settings.colors.space == SGS_SPACE_LINEAR &&
+                settings.colors.white_point == 3);
+    put("config.json", "{\"options\": {\"train_space\": \"srgb\"}}");
+    assert_int_equal(sgs_run_read(run, NULL, &settings), SGS_STATUS_OK);
+    assert_true(settings.colors.space == SGS_SPACE_SRGB && settings.colors.white_point == 0);
 }
 
 static void invalid_folders_are_named(void **state)
@@ -99,6 +140,12 @@ static void invalid_folders_are_named(void **state)
                  {"{\"options\": {\"filter\": \"box\"}}", "option filter"},
                  {"{\"options\": {\"filter\": 3}}", "option filter"},
                  {"{\"options\": {\"background\": [1, 2]}}", "option background"},
+                 {"{\"near_distance\": 0}", "config.json: near_distance has an unknown value"},
+                 {"{\"near_distance\": \"0.2\"}", "near_distance"},
+                 {"{\"options\": {\"train_space\": \"aces\"}}", "option train_space"},
+                 {"{\"options\": {\"train_space\": 1}}", "option train_space"},
+                 {"{\"options\": {\"white\": -1}}", "option white"},
+                 {"{\"options\": {\"white\": \"5\"}}", "option white"},
                  {"{\"options\": {\"compact_box\": 0}}", "option compact_box"},
                  {"{\"options\": {\"compact_box\": \"all\"}}", "option compact_box"}};
     sgs_run_settings settings;
@@ -137,6 +184,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_newest_model_is_read_with_its_settings),
+        cmocka_unit_test(near_distance_and_colours_are_those_of_the_training),
         cmocka_unit_test(invalid_folders_are_named),
         cmocka_unit_test(an_unreadable_config_is_named_with_the_reason),
     };

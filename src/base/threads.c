@@ -131,14 +131,15 @@ static void run_range(void *context, size_t item, int thread)
 {
     const range_loop *loop = context;
     const size_t begin = item * loop->grain;
-    const size_t end = begin + loop->grain < loop->count ? begin + loop->grain : loop->count;
+    const size_t left = loop->count - begin;
+    const size_t end = begin + (loop->grain < left ? loop->grain : left);
     loop->body(loop->context, begin, end, thread);
 }
 
 void sgsi_parallel_ranges(size_t count, size_t grain, sgsi_range_fn body, void *context)
 {
     range_loop loop = {count, grain, body, context};
-    sgsi_parallel_for((count + grain - 1) / grain, 1, run_range, &loop);
+    sgsi_parallel_for(count / grain + (count % grain != 0), 1, run_range, &loop);
 }
 
 typedef struct public_loop {

@@ -129,6 +129,33 @@ static void public_ranges_depend_on_count_and_grain_only(void **state)
     sgs_parallel_ranges(0, 5, tally_range, NULL);
 }
 
+typedef struct seen_range {
+    size_t begin, end;
+} seen_range;
+
+static void note_range(void *context, size_t begin, size_t end)
+{
+    seen_range *seen = context;
+    seen[begin != 0] = (seen_range){begin, end};
+}
+
+static void ranges_of_any_grain_cover_the_count(void **state)
+{
+    (void)state;
+    sgsi_threads_set(1);
+    for (size_t less = 0; less < 6; ++less) {
+        seen_range one[2] = {{7, 7}, {7, 7}};
+        sgs_parallel_ranges(5, SIZE_MAX - less, note_range, one);
+        assert_int_equal(one[0].begin, 0);
+        assert_int_equal(one[0].end, 5);
+        assert_int_equal(one[1].begin, 7);
+    }
+    const size_t half = SIZE_MAX / 2 + 3;
+    seen_range two[2] = {{0, 0}, {0, 0}};
+    sgs_parallel_ranges(SIZE_MAX, half, note_range, two);
+    assert_true(two[0].end == half && two[1].begin == half && two[1].end == SIZE_MAX);
+}
+
 static void *run_loops(void *wrong)
 {
     for (int k = 0; k < 300; ++k)
@@ -329,6 +356,7 @@ int main(void)
         cmocka_unit_test(short_loops_follow_each_other),
         cmocka_unit_test(items_may_run_loops),
         cmocka_unit_test(public_ranges_depend_on_count_and_grain_only),
+        cmocka_unit_test(ranges_of_any_grain_cover_the_count),
         cmocka_unit_test(several_threads_have_loops_at_once),
         cmocka_unit_test(a_slow_item_leaves_the_others_to_the_rest),
         cmocka_unit_test(signals_come_to_threads_of_the_caller),

@@ -91,11 +91,12 @@ SGS_API sgs_camera sgs_camera_shifted(const sgs_camera *camera, double dx, doubl
 SGS_API sgs_camera sgs_camera_equirectangular(int width, int height);
 
 // Projects a point in camera axes to pixel coordinates. False if the point has no image: behind a
-// perspective camera, or outside the domain where the distortion is monotonic.
+// perspective camera, outside the domain where the distortion is monotonic, or not finite.
 SGS_API bool sgs_camera_project(const sgs_camera *camera, const double point[3], double pixel[2]);
 
 // Unit direction in camera axes of the ray through a pixel coordinate, by Newton inversion of the
-// distortion. False if it does not converge or the pixel is outside the lens's valid image.
+// distortion. False if it does not converge or the pixel is outside the lens's valid image, such as
+// beyond the poles of an equirectangular camera, or not finite.
 SGS_API bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2],
                                   double direction[3]);
 

@@ -415,17 +415,23 @@ static bool project_around(const double params[4], const double point[3], double
     return isfinite(pixel[0]) && isfinite(pixel[1]);
 }
 
-static void unproject_around(const double params[4], const double pixel[2], double direction[3])
+static bool unproject_around(const double params[4], const double pixel[2], double direction[3])
 {
+    static const double pole = 0.5 * PI * (1 + 1e-12); // rounding of the upper and lower edge
     const double longitude = (pixel[0] - params[2]) / params[0],
                  latitude = (pixel[1] - params[3]) / params[1];
+    if (!isfinite(longitude) || !(fabs(latitude) <= pole))
+        return false;
     direction[0] = cos(latitude) * sin(longitude);
     direction[1] = sin(latitude);
     direction[2] = cos(latitude) * cos(longitude);
+    return true;
 }
 
 bool sgs_camera_project(const sgs_camera *camera, const double point[3], double pixel[2])
 {
+    if (!isfinite(point[0]) || !isfinite(point[1]) || !isfinite(point[2]))
+        return false;
     if (camera->model == SGS_CAMERA_EQUIRECTANGULAR)
         return project_around(camera->params, point, pixel);
     const lens *l = lens_of(camera);
@@ -543,10 +549,8 @@ static bool undistort(const lens *l, const double target[2], double x[2])
 
 bool sgs_camera_unproject(const sgs_camera *camera, const double pixel[2], double direction[3])
 {
-    if (camera->model == SGS_CAMERA_EQUIRECTANGULAR) {
-        unproject_around(camera->params, pixel, direction);
-        return true;
-    }
+    if (camera->model == SGS_CAMERA_EQUIRECTANGULAR)
+        return unproject_around(camera->params, pixel, direction);
     const lens *l = lens_of(camera);
     const double y[2] = {(pixel[0] - l->cx) / l->fx, (pixel[1] - l->cy) / l->fy};
     double x[2];

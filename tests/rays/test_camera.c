@@ -354,15 +354,40 @@ static void nonfinite_points_and_pixels_are_rejected(void **state)
             const double point[3] = {bad[k], 0.1, 1}, deep[3] = {0.1, 0.1, bad[k]},
                          where[2] = {10, bad[k]};
             double pixel[2], direction[3];
-            assert_false(sgs_camera_project(&lenses[i], point, pixel) && isinf(bad[k]) &&
-                         !sgs_camera_is_fisheye(lenses[i].model));
-            if (isnan(bad[k])) {
-                assert_false(sgs_camera_project(&lenses[i], point, pixel));
-                assert_false(sgs_camera_project(&lenses[i], deep, pixel));
-            }
+            assert_false(sgs_camera_project(&lenses[i], point, pixel));
+            assert_false(sgs_camera_project(&lenses[i], deep, pixel));
             assert_false(sgs_camera_unproject(&lenses[i], where, direction));
         }
     }
+    const sgs_camera panorama = sgs_camera_equirectangular(64, 32);
+    for (int k = 0; k < 3; ++k)
+        for (int axis = 0; axis < 3; ++axis) {
+            double point[3] = {0, 0, 1}, where[2] = {10, 10}, pixel[2], direction[3];
+            point[axis] = bad[k];
+            assert_false(sgs_camera_project(&panorama, point, pixel));
+            where[axis % 2] = bad[k];
+            assert_false(sgs_camera_unproject(&panorama, where, direction));
+        }
+}
+
+static void panoramas_end_at_their_poles(void **state)
+{
+    (void)state;
+    sgs_camera camera = sgs_camera_equirectangular(4000, 2000);
+    double direction[3];
+    const double edges[2][2] = {{7.5, 0}, {3999, 2000}};
+    for (int k = 0; k < 2; ++k) {
+        assert_true(sgs_camera_unproject(&camera, edges[k], direction));
+        assert_true(fabs(direction[1] - (k ? 1 : -1)) < 1e-12);
+    }
+    const double above[2] = {7.5, -0.001}, below[2] = {7.5, 2000.001}, far_below[2] = {7.5, 1e9};
+    assert_false(sgs_camera_unproject(&camera, above, direction));
+    assert_false(sgs_camera_unproject(&camera, below, direction));
+    assert_false(sgs_camera_unproject(&camera, far_below, direction));
+    camera = sgs_camera_shifted(&camera, 0, 300); // the sphere is in rows 300 to 2300
+    const double out[2] = {7.5, 299.9}, in[2] = {7.5, 300.1};
+    assert_false(sgs_camera_unproject(&camera, out, direction));
+    assert_true(sgs_camera_unproject(&camera, in, direction));
 }
 
 static void extreme_coefficients_neither_hang_nor_crash(void **state)
@@ -676,6 +701,7 @@ int main(void)
         cmocka_unit_test(fov_model_ends_where_its_arc_tangent_does),
         cmocka_unit_test(fov_model_tends_to_the_pinhole),
         cmocka_unit_test(nonfinite_points_and_pixels_are_rejected),
+        cmocka_unit_test(panoramas_end_at_their_poles),
         cmocka_unit_test(extreme_coefficients_neither_hang_nor_crash),
         cmocka_unit_test(alternating_cameras_are_independent),
         cmocka_unit_test(resized_cameras_scale_their_pixels),

@@ -144,6 +144,29 @@ static void rays_90_degrees_from_the_axis_are_recorded(void **state)
     }
 }
 
+// Rows of a panorama beyond the poles have no rays.
+static void panoramas_have_no_rays_beyond_their_poles(void **state)
+{
+    (void)state;
+    enum { WIDTH = 256, HEIGHT = 128, TALLER = 40 };
+    for (int shift = -TALLER; shift <= TALLER; shift += 16) {
+        sgs_camera camera = sgs_camera_equirectangular(WIDTH, HEIGHT);
+        camera.height += TALLER;
+        camera = sgs_camera_shifted(&camera, 0, shift);
+        sgsi_rays *rays;
+        assert_int_equal(sgsi_rays_create(&camera, 1, &rays), SGS_STATUS_OK);
+        for (int y = 0; y < camera.height; ++y)
+            for (int x = 0; x < WIDTH; ++x) {
+                const sgsi_tile_rays *tile = &rays->tiles[y / 16 * rays->tiles_x + x / 16];
+                const int block = y % 16 / 4 * 4 + x % 16 / 4, lane = y % 4 * 4 + x % 4;
+                const bool valid = tile->valid[block] >> lane & 1;
+                if (valid != (y >= shift && y < HEIGHT + shift))
+                    fail_msg("shift %d, pixel %d, %d: valid %d", shift, x, y, valid);
+            }
+        sgsi_rays_destroy(rays);
+    }
+}
+
 // Sixteen pixels that cover all directions have no tangent plane: an error, not missing pixels.
 static void images_too_small_for_their_lens_are_rejected(void **state)
 {
@@ -330,6 +353,7 @@ int main(void)
         cmocka_unit_test(every_ray_lies_in_its_block_tile_macrotile_and_image_bounds),
         cmocka_unit_test(frames_are_orthonormal),
         cmocka_unit_test(rays_90_degrees_from_the_axis_are_recorded),
+        cmocka_unit_test(panoramas_have_no_rays_beyond_their_poles),
         cmocka_unit_test(images_too_small_for_their_lens_are_rejected),
         cmocka_unit_test(every_failed_allocation_is_reported),
         cmocka_unit_test(cache_keeps_tables_over_epochs),

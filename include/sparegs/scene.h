@@ -278,7 +278,8 @@ typedef struct sgs_named_camera {
 // Writes the cameras.json of 3DGS (id from 0, img_name, width, height, position, camera-to-world
 // rotation rows, fy, fx) atomically, and, which 3DGS does not, cx, cy, camera_model (a name of
 // sgs_camera_model_name) and params, and exif_orientation if it exceeds 1. Bytes of names that are
-// not UTF-8 become '?'. Fails with IO or OUT_OF_MEMORY.
+// not UTF-8 become '?'. Fails with INVALID_ARGUMENT (a camera, pose or name; the message names its
+// index), IO or OUT_OF_MEMORY.
 SGS_API sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_t count,
                                           const char *path);
 // The same for the views of a scene, held-out views first.

@@ -69,8 +69,24 @@ static json_t *camera_of(const sgs_named_camera *view, size_t id)
     return camera;
 }
 
+// What JSON cannot hold, such as numbers that are not finite, is an error of the caller.
+static sgs_status check_camera(const sgs_named_camera *view, size_t id, const char *path)
+{
+    if (!view->name)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: camera %zu: name is NULL", path, id);
+    if (sgs_camera_validate(&view->camera) || sgs_pose_validate(&view->pose))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: camera %zu, '%s': %s", path, id,
+                         view->name, sgs_last_error());
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_t count, const char *path)
 {
+    for (size_t k = 0; k < count; ++k) {
+        const sgs_status status = check_camera(&cameras[k], k, path);
+        if (status)
+            return status;
+    }
     json_t *list = json_array();
     bool made = list;
     for (size_t k = 0; k < count && made; ++k)

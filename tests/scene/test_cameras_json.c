@@ -122,11 +122,49 @@ static void cameras_json_write_failure_keeps_the_old_file(void **state)
     temp_folder_remove(&folder);
 }
 
+static void expect_refused(const sgs_named_camera *cameras, const char *path, const char *reason)
+{
+    assert_int_equal(sgs_cameras_write_json(cameras, 2, path), SGS_STATUS_INVALID_ARGUMENT);
+    if (!strstr(sgs_last_error(), reason) || !strstr(sgs_last_error(), path))
+        fail_msg("'%s' does not contain '%s'", sgs_last_error(), reason);
+}
+
+static void invalid_cameras_are_named_with_the_reason(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "cameras.json");
+    const sgs_view view = make_view("a.jpg", SGS_SPLIT_TRAIN, 0.1);
+    const sgs_named_camera good = {"b.jpg", view.camera, view.pose, 1};
+    sgs_named_camera cameras[2] = {good, good};
+    cameras[1].camera.params[4] = NAN;
+    expect_refused(cameras, path, "camera 1, 'b.jpg': parameter 5 of the OPENCV camera is not");
+    cameras[1] = good;
+    cameras[1].camera.params[0] = INFINITY;
+    expect_refused(cameras, path, "camera 1, 'b.jpg': parameter 1 of the OPENCV camera is not");
+    cameras[1] = good;
+    cameras[1].camera.model = (sgs_camera_model)99;
+    expect_refused(cameras, path, "camera 1, 'b.jpg': unknown camera model 99");
+    cameras[1] = good;
+    cameras[1].pose.translation[2] = -INFINITY;
+    expect_refused(cameras, path, "camera 1, 'b.jpg': pose.translation");
+    cameras[1] = good;
+    cameras[1].pose.rotation[0] = NAN;
+    expect_refused(cameras, path, "camera 1, 'b.jpg': pose.rotation");
+    cameras[1] = good;
+    cameras[0].name = NULL;
+    expect_refused(cameras, path, "camera 0: name is NULL");
+    assert_int_equal(temp_folder_count(&folder), 0);
+    assert_int_equal(sgs_cameras_write_json(cameras + 1, 1, path), SGS_STATUS_OK);
+    temp_folder_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cameras_json_matches_3dgs),
         cmocka_unit_test(cameras_json_write_failure_keeps_the_old_file),
+        cmocka_unit_test(invalid_cameras_are_named_with_the_reason),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

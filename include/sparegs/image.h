@@ -137,15 +137,14 @@ typedef struct sgs_exr_info {
     const double *world_to_ndc;    // the same
     const char *depth_definition;  // text attribute "sparegs:depthDefinition", or NULL
     const char *view_name;         // text attribute "sparegs:view", or NULL
-    // fx, fy, cx, cy in pixels of a perspective camera, or NULL. Written as screenWindowWidth and
-    // screenWindowCenter, as pixelAspectRatio (sgs_pixel_aspect) and, for a film back 36 mm wide,
-    // as pinholeFocalLength and sensorOverallDimensions in mm.
+    // fx > 0, fy > 0, cx, cy in pixels of a perspective camera, or NULL. Written as
+    // screenWindowWidth and screenWindowCenter, as pixelAspectRatio (sgs_pixel_aspect) and, for a
+    // film back 36 mm wide, as pinholeFocalLength and sensorOverallDimensions in mm.
     const double *intrinsics;
     bool is_latlong; // a latitude-longitude map of all directions: attribute envmap
     sgs_exr_compression compression;
     // Frames per second of the sequence, from 0.001 to 1e6: attribute framesPerSecond, with the
-    // rates of NTSC as n 1000/1001. 0 = none.
-    // See sgs_frame_rate.
+    // rates of NTSC as n 1000/1001. 0 = none. See sgs_frame_rate.
     double frame_rate;
     // Pixels of the planes outside the display window, on each of its sides; 0 = none. The display
     // window begins at (0, 0), the data window at (-overscan, -overscan). `intrinsics` and
@@ -173,7 +172,8 @@ SGS_API bool sgs_frame_rate(double rate, int *numerator, int *denominator);
 
 // Writes a scan-line EXR with Rec. 709 chromaticities and the attributes above. Matrices are stored
 // in EXR's row-vector convention (transposed). Fails with INVALID_ARGUMENT (size, overscan,
-// compression, channels, a name used twice), IO, OUT_OF_MEMORY, UNSUPPORTED or INTERNAL (OpenEXR).
+// frame rate, intrinsics, compression, channels, a name used twice), IO, OUT_OF_MEMORY, UNSUPPORTED
+// or INTERNAL (OpenEXR).
 SGS_API sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
                                  const sgs_exr_channel *channels, int channel_count);
 
@@ -185,16 +185,16 @@ typedef struct sgs_deep_sample {
 } sgs_deep_sample;
 
 // A deep scan-line EXR, written row by row: float channels A, B, G, R, Z, ZBack. `info` as above;
-// compression is ZIPS, or none for SGS_EXR_NONE. max_samples: per pixel, stored in the header.
-// Fails with INVALID_ARGUMENT (size, overscan), IO, OUT_OF_MEMORY or INTERNAL (OpenEXR); *deep is
-// then NULL.
+// compression is ZIPS, or none for SGS_EXR_NONE. max_samples: the largest count of a pixel, at
+// least 1, stored in the header. Fails with INVALID_ARGUMENT (info, max_samples), IO, OUT_OF_MEMORY
+// or INTERNAL (OpenEXR); *deep is then NULL.
 typedef struct sgs_exr_deep sgs_exr_deep;
 SGS_API sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
                                      sgs_exr_deep **deep);
 
 // Appends `rows` rows. counts: [rows][width]; samples: of all these pixels, consecutively. Fails
-// with INVALID_ARGUMENT (more rows than the image has), IO, OUT_OF_MEMORY or INTERNAL; after a
-// failure close or abort the file.
+// with INVALID_ARGUMENT (more rows than the image has, a count above max_samples), IO,
+// OUT_OF_MEMORY or INTERNAL; after a failure close or abort the file.
 SGS_API sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts,
                                       const sgs_deep_sample *samples);
 

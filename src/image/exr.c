@@ -196,7 +196,7 @@ static sgs_status write_dwaa(const flat_image *image, const char *path, const sg
 sgs_status sgs_exr_write(const char *path, const sgs_exr_info *info,
                          const sgs_exr_channel *channels, int channel_count)
 {
-    sgs_status status = sgsi_exr_check_size(path, info);
+    sgs_status status = sgsi_exr_check_info(path, info);
     if (status)
         return status;
     if (info->compression < 0 || info->compression >= SGS_EXR_COMPRESSION_COUNT)

@@ -28,7 +28,7 @@ typedef struct deep_line {
 struct sgs_exr_deep {
     sgsi_exr_writer writer;
     char *path;
-    int width, height, next_row;
+    int width, height, next_row, max_samples;
     sgsi_exr_zip *zip;   // NULL: uncompressed
     exr_result_t result; // first failure
     deep_line lines[BAND_LINES];
@@ -124,7 +124,10 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
         {"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT}, {"G", EXR_PIXEL_FLOAT},
         {"R", EXR_PIXEL_FLOAT}, {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
     *deep = NULL;
-    sgs_status status = sgsi_exr_check_size(path, info);
+    sgs_status status = sgsi_exr_check_info(path, info);
+    if (!status && max_samples < 1)
+        status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: max_samples %d is below 1", path,
+                           max_samples);
     if (status)
         return status;
     sgs_exr_deep *made = sgsi_calloc(1, sizeof *made);
@@ -136,6 +139,7 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
     }
     made->width = info->width;
     made->height = info->height;
+    made->max_samples = max_samples;
     const bool zips = info->compression != SGS_EXR_NONE;
     if (zips)
         made->zip =
@@ -182,12 +186,28 @@ static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
     return result;
 }
 
+// The header, which precedes the pixels, states the largest count.
+static sgs_status check_counts(const sgs_exr_deep *deep, int rows, const uint32_t *counts)
+{
+    const size_t width = (size_t)deep->width;
+    for (size_t i = 0; i < (size_t)rows * width; ++i)
+        if (counts[i] > (uint32_t)deep->max_samples)
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                             "%s: pixel %zu of row %zu has %u samples, max_samples is %d",
+                             deep->path, i % width, (size_t)deep->next_row + i / width, counts[i],
+                             deep->max_samples);
+    return SGS_STATUS_OK;
+}
+
 sgs_status sgs_exr_deep_write(sgs_exr_deep *deep, int rows, const uint32_t *counts,
                               const sgs_deep_sample *samples)
 {
     if (rows < 0 || rows > deep->height - deep->next_row)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: more rows than the image has",
                          deep->path);
+    const sgs_status status = check_counts(deep, rows, counts);
+    if (status)
+        return status;
     while (rows && !deep->result) {
         const int band = rows < BAND_LINES ? rows : BAND_LINES;
         pack_job job = {.counts = counts, .samples = samples};

@@ -19,6 +19,7 @@
 #include "image/exr_writer.h"
 
 #include <errno.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -157,7 +158,7 @@ bool sgs_frame_rate(double rate, int *numerator, int *denominator)
 static exr_result_t set_frame_rate(exr_context_t context, double rate)
 {
     int numerator, denominator;
-    if (!sgs_frame_rate(rate, &numerator, &denominator))
+    if (!sgs_frame_rate(rate, &numerator, &denominator)) // 0: none
         return EXR_ERR_SUCCESS;
     const exr_attr_rational_t rational = {.num = numerator, .denom = (uint32_t)denominator};
     return exr_attr_set_rational(context, 0, "framesPerSecond", &rational);
@@ -248,7 +249,7 @@ static exr_result_t write_header(exr_context_t context, const sgs_exr_info *info
     return result ? result : exr_write_header(context);
 }
 
-sgs_status sgsi_exr_check_size(const char *path, const sgs_exr_info *info)
+static sgs_status check_size(const char *path, const sgs_exr_info *info)
 {
     const int shorter = info->width < info->height ? info->width : info->height;
     if (info->width < 1 || info->height < 1 || info->width > SGSI_EXR_MAX_SIDE ||
@@ -260,6 +261,38 @@ sgs_status sgsi_exr_check_size(const char *path, const sgs_exr_info *info)
                          "%s: invalid overscan of %d pixels, the image has %d x %d", path,
                          info->overscan, info->width, info->height);
     return SGS_STATUS_OK;
+}
+
+// The ranges of the attributes, which OpenEXR refuses without naming them.
+static sgs_status check_intrinsics(const char *path, const sgs_exr_info *info)
+{
+    const double *k = info->intrinsics;
+    for (int i = 0; i < 4; ++i)
+        if (!isfinite(k[i]) || (i < 2 && !(k[i] > 0)))
+            return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: intrinsics[%d] = %g is not %s", path,
+                             i, k[i], i < 2 ? "a positive focal length" : "finite");
+    const double aspect = k[1] / k[0], largest = (double)FLT_MAX;
+    if (!(aspect >= 1e-6 && aspect <= 1e6) || !(36 * info->width / k[0] <= largest) ||
+        !(36 * k[0] <= largest) || !(36 * k[0] * info->height / k[1] <= largest) ||
+        !(fabs(info->width - k[2]) / k[0] <= largest) ||
+        !(fabs(k[3] - info->height) / k[1] <= largest))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: intrinsics %g, %g, %g, %g are out of range", path, k[0], k[1], k[2],
+                         k[3]);
+    return SGS_STATUS_OK;
+}
+
+sgs_status sgsi_exr_check_info(const char *path, const sgs_exr_info *info)
+{
+    int numerator, denominator;
+    const sgs_status status = check_size(path, info);
+    if (status)
+        return status;
+    if (info->frame_rate != 0 && !sgs_frame_rate(info->frame_rate, &numerator, &denominator))
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: frame_rate %g is neither 0 nor in [0.001, 1e6]", path,
+                         info->frame_rate);
+    return info->intrinsics && !info->is_latlong ? check_intrinsics(path, info) : SGS_STATUS_OK;
 }
 
 sgs_status sgsi_exr_open(sgsi_exr_writer *writer, const char *path, const sgs_exr_info *info,

@@ -32,8 +32,9 @@ typedef struct sgsi_exr_column {
     exr_pixel_type_t type;
 } sgsi_exr_column;
 
-// Fails with INVALID_ARGUMENT if the sizes or the overscan are out of range.
-sgs_status sgsi_exr_check_size(const char *path, const sgs_exr_info *info);
+// Fails with INVALID_ARGUMENT if the sizes, the overscan, the frame rate or the intrinsics are out
+// of range.
+sgs_status sgsi_exr_check_info(const char *path, const sgs_exr_info *info);
 
 // Opens the file and writes its header. Columns are sorted by name, as the format requires. On
 // failure sets the error and removes the file. The writer must not move in memory afterwards.

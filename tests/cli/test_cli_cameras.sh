@@ -457,7 +457,7 @@ check path_from_1001 test "$(pictures "$temporary/shot_path" exr)" = 'frame_0100
 jq '.camera_type = "equirectangular"' "$temporary/path.json" >"$temporary/around.json"
 run 0 render "$model" --camera "$temporary/around.json" --size 64x32 --aov rgba -o "$temporary/path_around"
 for broken in '.camera_path[0].fov = 180' '.camera_path[0].camera_to_world[0] = 7' '.camera_path[0].camera_to_world = [1]' \
-    '.render_width = 0' '.camera_type = "orthographic"' '.camera_path = []' '.camera_path = 5'; do
+    '.render_width = 0' '.fps = 1e7' '.fps = 0.001' '.camera_type = "orthographic"' '.camera_path = []' '.camera_path = 5'; do
     jq "$broken" "$temporary/path.json" >"$temporary/broken.json"
     run 1 render "$model" --camera "$temporary/broken.json" -o "$temporary/none"
     one_line

@@ -357,6 +357,32 @@ static void overscan_surrounds_the_display_window(void **state)
     temp_folder_remove(&folder);
 }
 
+static void attributes_out_of_range_are_refused(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "out.exr");
+    const double rates[] = {NAN, INFINITY, -24, 1e-4, 2e6};
+    const double intrinsics[][4] = {{0, 60, 30, 20},      {60, 0, 30, 20},      {-60, 60, 30, 20},
+                                    {NAN, 60, 30, 20},    {60, INFINITY, 3, 2}, {60, 60, NAN, 20},
+                                    {60, 60, 30, -1e300}, {1e-300, 60, 30, 20}, {1e39, 1e39, 3, 2}};
+    const size_t rate_count = sizeof rates / sizeof *rates;
+    for (size_t k = 0; k < rate_count + sizeof intrinsics / sizeof *intrinsics; ++k) {
+        sgs_exr_info own = info;
+        sgs_exr_deep *deep;
+        own.frame_rate = k < rate_count ? rates[k] : 0;
+        own.intrinsics = k < rate_count ? NULL : intrinsics[k - rate_count];
+        const char *word = k < rate_count ? "out.exr: frame_rate" : "out.exr: intrinsics";
+        assert_int_equal(sgs_exr_write(path, &own, channels, CHANNELS),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(sgs_last_error(), word));
+        assert_int_equal(sgs_exr_deep_open(path, &own, 4, &deep), SGS_STATUS_INVALID_ARGUMENT);
+        assert_non_null(strstr(sgs_last_error(), word));
+        assert_int_equal(temp_folder_count(&folder), 0);
+    }
+    temp_folder_remove(&folder);
+}
+
 // One value of a pixel (oiiotool reorders the channels).
 static void assert_dumped(const char *dump, int x, int y, const char *value)
 {
@@ -599,6 +625,7 @@ int main(void)
         cmocka_unit_test(pixels_of_calibrations_are_square),
         cmocka_unit_test(exr_header_has_the_attributes),
         cmocka_unit_test(overscan_surrounds_the_display_window),
+        cmocka_unit_test(attributes_out_of_range_are_refused),
         cmocka_unit_test(exr_is_readable_by_another_program),
         cmocka_unit_test(exr_dwaa_is_lossy_for_colors_only),
         cmocka_unit_test(exr_dwaa_of_one_channel_is_zip),

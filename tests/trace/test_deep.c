@@ -4,6 +4,7 @@
 // Deep samples: equal to the oracle's hits without merging; composited, equal to the flat image
 // with any merging; and deep EXR files as read by another program.
 
+#include <limits.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -392,6 +393,39 @@ static void threads_may_grow_while_a_deep_file_is_open(void **state)
     temp_folder_remove(&folder);
 }
 
+// The header's maximum is true.
+static void counts_above_the_maximum_are_refused(void **state)
+{
+    (void)state;
+    static uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT];
+    static sgs_deep_sample samples[8 * SMALL_WIDTH * SMALL_HEIGHT];
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "deep.exr");
+    const sgs_exr_info info = {.width = SMALL_WIDTH, .height = SMALL_HEIGHT};
+    sgs_exr_deep *deep;
+    static const int none[] = {0, -1, INT_MIN};
+    for (size_t k = 0; k < sizeof none / sizeof *none; ++k) {
+        assert_int_equal(sgs_exr_deep_open(path, &info, none[k], &deep),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_null(deep);
+        assert_non_null(strstr(sgs_last_error(), "deep.exr: max_samples"));
+    }
+    counts[5 * SMALL_WIDTH + 3] = 7;
+    counts[5 * SMALL_WIDTH + 4] = 8;
+    assert_int_equal(sgs_exr_deep_open(path, &info, 7, &deep), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_deep_write(deep, 2, counts, samples), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_deep_write(deep, 4, counts + 2 * SMALL_WIDTH, samples),
+                     SGS_STATUS_INVALID_ARGUMENT);
+    assert_non_null(
+        strstr(sgs_last_error(), "deep.exr: pixel 4 of row 5 has 8 samples, max_samples is 7"));
+    assert_int_equal(sgs_exr_deep_close(deep), SGS_STATUS_INVALID_ARGUMENT);
+    counts[5 * SMALL_WIDTH + 4] = 7;
+    assert_int_equal(sgs_exr_deep_open(path, &info, 7, &deep), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_deep_write(deep, SMALL_HEIGHT, counts, samples), SGS_STATUS_OK);
+    assert_int_equal(sgs_exr_deep_close(deep), SGS_STATUS_OK);
+    temp_folder_remove(&folder);
+}
+
 static void deep_write_failure_leaves_no_file(void **state)
 {
     (void)state;
@@ -456,6 +490,7 @@ int main(void)
         cmocka_unit_test(deep_files_are_readable_by_another_program),
         cmocka_unit_test(threads_may_grow_while_a_deep_file_is_open),
         cmocka_unit_test(deep_write_failure_leaves_no_file),
+        cmocka_unit_test(counts_above_the_maximum_are_refused),
         cmocka_unit_test(deep_write_reports_failed_allocations),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

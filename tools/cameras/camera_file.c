@@ -223,7 +223,11 @@ static bool read_path(const char *path, const json_t *root, camera_list *list)
         return false;
     }
     const char *type = json_string_value(json_object_get(root, "camera_type"));
-    read_number(json_object_get(root, "fps"), &list->fps);
+    if (read_number(json_object_get(root, "fps"), &list->fps) && list->fps > 0 &&
+        !(list->fps >= 0.01 && list->fps <= 1000)) { // the range of --fps
+        fail_run("%s: fps must be a number from 0.01 to 1000", path);
+        return false;
+    }
     const json_t *frames = json_object_get(root, "camera_path");
     for (size_t i = 0; i < list->count; ++i) {
         const char *problem =

@@ -218,7 +218,9 @@ sgs_status sgs_ranks_agree(sgs_ranks *ranks, sgs_status own)
 sgs_status sgs_ranks_agree_text(sgs_ranks *ranks, sgs_status own, const char *text)
 {
     const header mine = {.status = (int32_t)own, .kind = KIND_AGREE};
-    return ranks ? meet_with(ranks, SGS_RANKS_STATUS, mine, NULL, text) : own;
+    if (!ranks)
+        return own && text ? sgsi_fail(own, "%s", text) : own;
+    return meet_with(ranks, SGS_RANKS_STATUS, mine, NULL, text);
 }
 
 void sgs_ranks_raise(sgs_ranks *ranks, uint32_t flags)

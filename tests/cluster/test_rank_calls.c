@@ -479,6 +479,16 @@ static void flag(void *context, sgs_ranks *ranks)
     EXPECT(sgs_ranks_raised(ranks) == (4 | (sent & 0x8000)));
 }
 
+static void a_message_is_kept_without_ranks(void **state)
+{
+    (void)state;
+    assert_int_equal(sgs_ranks_agree_text(NULL, SGS_STATUS_OK, "unused"), SGS_STATUS_OK);
+    assert_int_equal(sgs_ranks_agree_text(NULL, SGS_STATUS_IO, "the disk is full"), SGS_STATUS_IO);
+    assert_string_equal(sgs_last_error(), "the disk is full");
+    assert_int_equal(sgs_ranks_agree_text(NULL, SGS_STATUS_LIMIT, NULL), SGS_STATUS_LIMIT);
+    assert_string_equal(sgs_last_error(), "the disk is full");
+}
+
 static void flags_are_known_to_all_until_they_are_lowered(void **state)
 {
     (void)state;
@@ -507,6 +517,7 @@ int main(void)
         cmocka_unit_test(other_sizes_than_on_rank_0_are_refused),
         cmocka_unit_test(one_process_keeps_its_bytes_and_no_flags),
         cmocka_unit_test(a_broadcast_arrives_on_all_ranks_or_fails_on_all),
+        cmocka_unit_test(a_message_is_kept_without_ranks),
         cmocka_unit_test(flags_are_known_to_all_until_they_are_lowered)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -41,6 +41,19 @@ enum {
     MAX_CAMERAS = 256 // number of cameras compared with each other
 };
 
+// Sums and products of untrusted counts saturate.
+static size_t plus(size_t a, size_t b)
+{
+    size_t sum;
+    return __builtin_add_overflow(a, b, &sum) ? SIZE_MAX : sum;
+}
+
+static size_t times(size_t a, size_t b)
+{
+    size_t product;
+    return __builtin_mul_overflow(a, b, &product) ? SIZE_MAX : product;
+}
+
 // Bytes of the ray tables of all different cameras.
 static size_t table_bytes(const sgs_scene *scene)
 {
@@ -71,7 +84,9 @@ size_t sgs_train_memory(const sgs_scene *scene, const sgs_train_options *options
 static size_t grid_bytes(const sgs_train_options *options)
 {
     const size_t grid = options->spare_grid > 0 ? (size_t)options->spare_grid : 0;
-    return options->spare & (SGS_SPARE_BMD | SGS_SPARE_RAP) ? grid * grid * grid * VOXEL_BYTES : 0;
+    return options->spare & (SGS_SPARE_BMD | SGS_SPARE_RAP)
+               ? times(times(grid, grid), times(grid, VOXEL_BYTES))
+               : 0;
 }
 
 // Bytes of the ray tables, of which there is at least one. pixels, one: of the largest camera, and
@@ -88,10 +103,10 @@ static size_t ray_bytes(const sgs_scene *scene, size_t pixels, size_t one, bool 
 static size_t row_bytes(size_t rows, size_t own_bytes, bool scores, int ranks)
 {
     const size_t columns = COLUMN_BYTES + (scores ? SCORE_BYTES : 0),
-                 trained = rows / (size_t)ranks * own_bytes + rows * columns,
-                 initial = rows * INITIAL_BYTES;
+                 trained = plus(times(rows / (size_t)ranks, own_bytes), times(rows, columns)),
+                 initial = times(rows, INITIAL_BYTES);
     if (ranks < 2)
-        return rows * own_bytes;
+        return times(rows, own_bytes);
     return trained > initial ? trained : initial;
 }
 
@@ -128,7 +143,7 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
     const bool cached = image_cache && scene->photo_bytes > image_cache;
     size_t photos = cached ? image_cache : scene->photo_bytes;
     if (!sgs_box_is_infinite(&own.region)) // the targets of a region
-        photos += scene->photo_bytes;
+        photos = plus(photos, scene->photo_bytes);
     const size_t cap = own.max_gaussians, threads = (size_t)sgsi_threads(),
                  decoders = (size_t)sgsi_photo_decoders((int)threads) + 1; // and the caller
     // The cap does not count the primitives outside of a region.
@@ -142,22 +157,22 @@ size_t sgs_train_memory_per_rank(const sgs_scene *scene, const sgs_train_options
                                       sgsi_train_schedule(scene, &own, false).half_size_until)) &&
                          !scene->float_images;
     if (reduces && !cached)
-        photos += scene->photo_bytes / 4; // at half the size or less
-    const size_t crowd = CROWDING * shrinking * rows / (largest / TILE_PIXELS),
+        photos = plus(photos, scene->photo_bytes / 4); // at half the size or less
+    const size_t crowd = times(CROWDING * shrinking, rows) / (largest / TILE_PIXELS),
                  fullest = crowd < rows ? crowd : rows;
     const size_t batch_bytes = own.batch > 1 ? (SGS_PARAM_COUNT + 1) * sizeof(float) : 0;
     // With fewer tiles per image, a ray hits a larger part of the candidates of its tile.
-    const size_t lists = fullest * LIST_BYTES / (largest / TILE_PIXELS);
+    const size_t lists = times(fullest, LIST_BYTES) / (largest / TILE_PIXELS);
     // Loading, training and evaluation follow each other.
     const size_t both = largest * PIXEL_BYTES +
                         ray_bytes(scene, largest, table, reduces, ray_limit) +
                         (cached ? decoding_bytes(scene, decoders) : 0),
-                 training =
-                     threads * fullest * CANDIDATE_BYTES + lists +
-                     row_bytes(rows, ROW_BYTES + batch_bytes, scores, ranks < 1 ? 1 : ranks) +
-                     tiles * TILE_BYTES * (ranks > 1 ? 2 : 1) + grid_bytes(&own),
-                 evaluation = threads * widest * SSIM_BYTES +
-                              rows / (size_t)(ranks < 1 ? 1 : ranks) * EVALUATED_BYTES;
-    return PROGRAM_BYTES + threads * THREAD_BYTES + photos +
-           larger(decoding_bytes(scene, threads), both + larger(training, evaluation));
+                 own_rows = rows / (size_t)(ranks < 1 ? 1 : ranks),
+                 candidates = plus(times(threads * CANDIDATE_BYTES, fullest), lists),
+                 trained = row_bytes(rows, ROW_BYTES + batch_bytes, scores, ranks < 1 ? 1 : ranks),
+                 training = plus(plus(candidates, trained),
+                                 plus(tiles * TILE_BYTES * (ranks > 1 ? 2 : 1), grid_bytes(&own))),
+                 evaluation = plus(threads * widest * SSIM_BYTES, times(own_rows, EVALUATED_BYTES));
+    return plus(plus(PROGRAM_BYTES + threads * THREAD_BYTES, photos),
+                larger(decoding_bytes(scene, threads), plus(both, larger(training, evaluation))));
 }

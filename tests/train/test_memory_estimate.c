@@ -4,6 +4,7 @@
 // Terms of the memory estimate that are not those of the training itself: decoding of the photos
 // and evaluation. Memory that the program reserves for itself.
 
+#include <limits.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -54,6 +55,26 @@ static void photos_are_decoded_by_every_thread(void **state)
         assert_true(bytes[1] - bytes[0] == rows[k][3] * GIB);
     }
     sgs_threads_set(0);
+}
+
+// Counts that no machine holds: the largest size, which exceeds every limit, not a small remainder.
+static void estimates_saturate(void **state)
+{
+    (void)state;
+    sgs_view view = one_view(640, 480);
+    const sgs_scene scene = {.view_count = 1, .views = &view, .extent = 1};
+    sgs_train_options options = sgs_train_options_default();
+    for (size_t count = (size_t)1 << 50; count; count <<= 1)
+        for (int ranks = 1; ranks <= 3; ++ranks) {
+            const size_t bytes =
+                sgs_train_memory_per_rank(&scene, &options, 0, count, ranks, SIZE_MAX);
+            // Columns of 150 bytes and more of all ranks.
+            assert_true(bytes / 100 >= count || bytes == SIZE_MAX);
+        }
+    assert_true(sgs_train_memory(&scene, &options, 0, SIZE_MAX) == SIZE_MAX);
+    options.spare = SGS_SPARE_BMD;
+    options.spare_grid = INT_MAX;
+    assert_true(sgs_train_memory(&scene, &options, 0, 1000) == SIZE_MAX);
 }
 
 // With a cache, photos are also decoded beside the training: by its threads and the caller.
@@ -150,6 +171,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(photos_are_decoded_by_every_thread),
         cmocka_unit_test(decoding_adds_to_the_training_only_with_a_cache),
+        cmocka_unit_test(estimates_saturate),
         cmocka_unit_test(the_scratch_of_the_evaluation_is_estimated),
         cmocka_unit_test(reserved_memory_counts_against_the_limit),
     };

@@ -15,6 +15,7 @@
 #include "base/float_mode.h"
 #include "base/threads.h"
 #include "cluster/rank_calls.h"
+#include "model/sh_degree.h"
 #include "sparegs/option_descriptors.h"
 #include "train/near_depth.h"
 #include "train/rank_handshake.h"
@@ -132,6 +133,8 @@ static sgs_status create(const sgs_scene *scene, const sgs_train_options *option
         status = sgs_train_options_check(&own);
     if (!status && !own.init && !sgs_box_is_infinite(&own.region))
         status = sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "region requires init");
+    if (!status && own.init)
+        status = sgsi_sh_degree_check(own.init, NULL);
     sgs_trainer *made = status ? NULL : sgsi_calloc(1, sizeof *made);
     if (!status && !made)
         status = sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for a trainer");

@@ -332,6 +332,13 @@ static void a_model_taken_over_trains_as_its_copy(void **state)
                      SGS_STATUS_INVALID_ARGUMENT);
     assert_null(init);
     assert_null(none);
+    init = trained_model(false);
+    init->sh_degree = 9;
+    options = short_run(60);
+    options.init = init;
+    assert_int_equal(sgs_trainer_create(scene, &options, &none), SGS_STATUS_INVALID_ARGUMENT);
+    assert_string_equal(sgs_last_error(), "SH degree 9 of the model is not within 0 to 3");
+    sgs_gaussians_destroy(init);
 }
 
 static void no_model_to_take_over_replaces_that_of_the_options(void **state)

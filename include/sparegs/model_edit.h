@@ -34,7 +34,8 @@ SGS_API void sgs_gaussians_limit_sh(sgs_gaussians *model, int sh_degree);
 // Removes the primitives without a flag; the others keep their order. Cannot fail.
 SGS_API void sgs_selection_apply(sgs_gaussians *model, const unsigned char *keep);
 
-// Centres within a box or a sphere, borders included. Cannot fail.
+// Centres within a box or a sphere, borders included; none are within a negative radius. Cannot
+// fail.
 SGS_API void sgs_select_box(const sgs_gaussians *model, const double low[3], const double high[3],
                             unsigned char *keep);
 SGS_API void sgs_select_sphere(const sgs_gaussians *model, const double center[3], double radius,

@@ -62,13 +62,15 @@ static size_t find_out_of_range(const sgs_gaussians *model, const sgsi_similarit
 
 sgs_status sgs_gaussians_transform(sgs_gaussians *model, const sgs_similarity *similarity)
 {
-    double norm = 0.0;
+    double largest = 0.0;
     bool valid = similarity->scale > 0.0 && isfinite(similarity->scale);
-    for (int k = 0; k < 4; ++k)
-        norm += similarity->rotation[k] * similarity->rotation[k];
+    for (int k = 0; k < 4; ++k) {
+        valid = valid && isfinite(similarity->rotation[k]);
+        largest = fmax(largest, fabs(similarity->rotation[k]));
+    }
     for (int k = 0; k < 3; ++k)
         valid = valid && isfinite(similarity->translation[k]);
-    if (!valid || !(norm > 0.0) || !isfinite(norm))
+    if (!valid || !(largest > 0.0))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                          "a transform requires a positive scale, a rotation that is not 0, and a "
                          "finite translation");
@@ -132,7 +134,7 @@ void sgs_select_sphere(const sgs_gaussians *model, const double center[3], doubl
                 (double)*sgs_gaussians_at(model, i, SGS_PARAM_MEAN + k) - center[k];
             sum += offset * offset;
         }
-        if (!(sum <= radius * radius))
+        if (!(radius >= 0.0 && sum <= radius * radius))
             keep[i] = 0;
     }
 }

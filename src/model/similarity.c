@@ -99,12 +99,19 @@ sgsi_similarity sgsi_similarity_make(double scale, const double quaternion[4],
                                      const double translation[3])
 {
     sgsi_similarity s = {.scale = scale, .log_scale = log(scale)};
-    double norm = 0.0;
+    // Scaled by a power of two, which is exact, so that no square overflows or vanishes.
+    double largest = 0.0, norm = 0.0;
+    int exponent;
     for (int k = 0; k < 4; ++k)
-        norm += quaternion[k] * quaternion[k];
+        largest = fmax(largest, fabs(quaternion[k]));
+    frexp(largest, &exponent);
+    for (int k = 0; k < 4; ++k) {
+        s.quaternion[k] = ldexp(quaternion[k], -exponent);
+        norm += s.quaternion[k] * s.quaternion[k];
+    }
     norm = sqrt(norm);
     for (int k = 0; k < 4; ++k)
-        s.quaternion[k] = quaternion[k] / norm;
+        s.quaternion[k] /= norm;
     memcpy(s.translation, translation, sizeof s.translation);
     const double w = s.quaternion[0], x = s.quaternion[1], y = s.quaternion[2], z = s.quaternion[3];
     const double rotation[3][3] = {

@@ -109,13 +109,33 @@ static void transforms_move_density_and_colour(void **state)
     }
 }
 
+// The norm of the quaternion does not matter, even where its squares leave the range of double.
+static void quaternions_have_any_norm(void **state)
+{
+    (void)state;
+    static const double scales[] = {1, 0x1p-300, 0x1p600, 0x1p-1000, 0x1p1022};
+    char first[17], hash[17];
+    for (size_t k = 0; k < sizeof scales / sizeof *scales; ++k) {
+        sgs_similarity s = {1, {0.2, -0.7, 1.1, 0.4}, {0, 0, 0}};
+        for (int c = 0; c < 4; ++c)
+            s.rotation[c] *= scales[k];
+        sgs_gaussians *model = model_random(COUNT, 3);
+        if (sgs_gaussians_transform(model, &s))
+            fail_msg("%g: %s", scales[k], sgs_last_error());
+        sgs_gaussians_hash(model, k ? hash : first);
+        assert_string_equal(k ? hash : first, first);
+        sgs_gaussians_destroy(model);
+    }
+}
+
 static void invalid_transforms_change_nothing(void **state)
 {
     (void)state;
     static const sgs_similarity cases[] = {
         {0, {1, 0, 0, 0}, {0, 0, 0}},   {-1, {1, 0, 0, 0}, {0, 0, 0}},
         {NAN, {1, 0, 0, 0}, {0, 0, 0}}, {1, {0, 0, 0, 0}, {0, 0, 0}},
-        {1, {NAN, 0, 0, 0}, {0, 0, 0}}, {1, {1, 0, 0, 0}, {0, INFINITY, 0}}};
+        {1, {NAN, 0, 0, 0}, {0, 0, 0}}, {1, {1, 0, 0, 0}, {0, INFINITY, 0}},
+        {1, {1, 0, NAN, 0}, {0, 0, 0}}, {1, {1, 0, 0, -INFINITY}, {0, 0, 0}}};
     sgs_gaussians *model = model_random(COUNT, 3);
     char before[17], after[17];
     sgs_gaussians_hash(model, before);
@@ -180,6 +200,10 @@ static void boxes_and_spheres_include_their_border(void **state)
     memset(keep, 1, 6);
     sgs_select_sphere(model, (double[]){0, 0, 0}, 1, keep);
     assert_memory_equal(keep, in_sphere, 6);
+    unsigned char none[6];
+    memset(none, 1, 6);
+    sgs_select_sphere(model, (double[]){0, 0, 0}, -10, none);
+    assert_memory_equal(none, (const unsigned char[6]){0}, 6);
     sgs_selection_apply(model, keep);
     assert_int_equal(model->count, 2);
     assert_true(model_value(model, 1, 0) == -1.0f);
@@ -384,6 +408,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(transforms_move_density_and_colour),
+        cmocka_unit_test(quaternions_have_any_norm),
         cmocka_unit_test(invalid_transforms_change_nothing),
         cmocka_unit_test(limited_sh_keep_the_lower_degrees),
         cmocka_unit_test(boxes_and_spheres_include_their_border),

@@ -103,9 +103,10 @@ SGS_API void sgs_gaussians_declare_linear_opacity(sgs_gaussians *model);
 // points: [n][3], world; colors: [n][3], 8-bit, or NULL for grey.
 //
 // fallback_scale: a hundredth of the scene's extent, world units. A single point has this scale.
-// The squared distance is at least 1e-7, times the square of the extent if that is below 1. The
-// caller destroys *model. Fails with INVALID_ARGUMENT (a point is not finite, or a single point
-// without a positive fallback_scale), OUT_OF_MEMORY or LIMIT; *model is then NULL.
+// The squared distance is at least 1e-7, times the square of the extent if that is below 1, and at
+// least 1e-36. The caller destroys *model. Fails with INVALID_ARGUMENT (a point is not finite, or a
+// single point without a positive fallback_scale of at most 1e18), OUT_OF_MEMORY or LIMIT; *model
+// is then NULL.
 SGS_API sgs_status sgs_gaussians_init_points(const float *points, const unsigned char *colors,
                                              size_t n, double fallback_scale,
                                              sgs_gaussians **model);

@@ -31,6 +31,7 @@ static const float INERT_OPACITY_LOGIT = -30.0f;
 static const float INERT_LOG_SCALE = -20.0f;
 static const double SMALLEST_SQUARED_DISTANCE = 1e-7; // for scenes of extent >= 1
 static const double FALLBACK_OF_EXTENT = 0.01;
+static const double LARGEST_SCALE = 1e18; // readers of models omit scales from exp(44) on
 
 enum { INIT_GRAIN = 4096 };
 static const size_t MAX_PRIMITIVES = (size_t)INT32_MAX - 15; // ids have 32 bits, some are signed
@@ -255,9 +256,10 @@ sgs_status sgsi_gaussians_init_points(const float *points, const unsigned char *
             return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
                              "point %zu of the initial cloud is not finite; remove it", i / 3);
     }
-    if (n == 1 && !(fallback_scale > 0.0 && isfinite(fallback_scale)))
+    if (n == 1 && !(fallback_scale > 0.0 && fallback_scale <= LARGEST_SCALE))
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                         "a cloud of one point requires a positive scale, not %g", fallback_scale);
+                         "a cloud of one point requires a positive scale of at most %g, not %g",
+                         LARGEST_SCALE, fallback_scale);
     double *distances = sgsi_alloc(n, sizeof *distances * SGSI_KNN_NEIGHBOURS);
     if (!distances)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
@@ -274,7 +276,8 @@ sgs_status sgsi_gaussians_init_points(const float *points, const unsigned char *
         return status;
     }
     const double extent = fallback_scale > 0.0 ? fallback_scale / FALLBACK_OF_EXTENT : 1.0;
-    const double least = SMALLEST_SQUARED_DISTANCE * fmin(1.0, extent * extent);
+    const double least = fmax(SMALLEST_SQUARED_DISTANCE * fmin(1.0, extent * extent),
+                              1.0 / (LARGEST_SCALE * LARGEST_SCALE));
     init_loop loop = {.points = points,
                       .colors = colors,
                       .distances = distances,

@@ -234,8 +234,29 @@ static void init_refuses_what_is_not_finite(void **state)
     assert_string_equal(sgs_last_error(), "point 1 of the initial cloud is not finite; remove it");
     assert_int_equal(sgs_gaussians_init_points(points, colors, 1, 0.0, &model),
                      SGS_STATUS_INVALID_ARGUMENT);
-    assert_int_equal(sgs_gaussians_init_points(points, colors, 1, NAN, &model),
-                     SGS_STATUS_INVALID_ARGUMENT);
+    static const double scales[] = {NAN, -1, INFINITY, 1e300, 1.1e18};
+    for (size_t k = 0; k < sizeof scales / sizeof *scales; ++k)
+        assert_int_equal(sgs_gaussians_init_points(points, colors, 1, scales[k], &model),
+                         SGS_STATUS_INVALID_ARGUMENT);
+}
+
+// Scales are finite for any scale of the scene, also of equal points.
+static void init_scales_are_finite(void **state)
+{
+    (void)state;
+    const float points[6] = {0};
+    static const double scales[] = {1e-320, 1e-300, 1e-30, 1e18};
+    for (size_t k = 0; k < sizeof scales / sizeof *scales; ++k)
+        for (size_t n = 1; n <= 2; ++n) {
+            sgs_gaussians *model;
+            assert_int_equal(sgs_gaussians_init_points(points, NULL, n, scales[k], &model),
+                             SGS_STATUS_OK);
+            for (int c = 0; c < 3; ++c) {
+                const float scale = *sgs_gaussians_at(model, n - 1, SGS_PARAM_SCALE + c);
+                assert_true(scale >= -42 && scale <= 42);
+            }
+            sgs_gaussians_destroy(model);
+        }
 }
 
 static void init_is_the_same_for_every_thread_count(void **state)
@@ -402,6 +423,7 @@ int main(void)
         cmocka_unit_test(init_leaves_missing_neighbours_out),
         cmocka_unit_test(init_clamps_duplicates),
         cmocka_unit_test(init_refuses_what_is_not_finite),
+        cmocka_unit_test(init_scales_are_finite),
         cmocka_unit_test(init_is_the_same_for_every_thread_count),
         cmocka_unit_test(hash_sees_every_bit_and_only_the_rows),
         cmocka_unit_test(strided_copies_read_and_write_one_parameter),

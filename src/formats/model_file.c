@@ -98,9 +98,11 @@ static bool is_usd(const uint8_t *bytes, size_t size)
            is_usdz(bytes, size);
 }
 
+// A page of sgsi_web_page_write.
 static bool is_html(const uint8_t *bytes, size_t size)
 {
-    return begins(bytes, size, "<!doctype html>", 15);
+    static const char mark[] = "<meta name=\"generator\" content=\"sparegs model page\">";
+    return begins(bytes, size, "<!doctype html>", 15) && memmem(bytes, size, mark, sizeof mark - 1);
 }
 
 // Longer endings precede those that they contain.
@@ -208,12 +210,11 @@ static sgs_status find_format(const char *path, sgs_model_format *format)
         *format = SGS_MODEL_USDA;
         return SGS_STATUS_OK;
     }
-    const bool named = sgs_model_format_of_name(path, format),
+    const bool named = sgs_model_format_of_name(path, format) && table[*format].read,
                has_mark = !named || table[*format].matches;
     if (named && (opened || !size || (has_mark && table[*format].matches(bytes, size))))
         return SGS_STATUS_OK; // the reader reports what is wrong
-    struct stat info;
-    if (opened && !stat(path, &info)) // a pipe, or not readable
+    if (opened)
         return opened;
     // Files without a signature may begin with the two bytes of gzip data.
     for (int k = 0; k < SGS_MODEL_FORMAT_COUNT && (has_mark || !is_gzip(bytes, size)); ++k)
@@ -376,7 +377,9 @@ sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
         status = check_model(path, format, model);
     if (!status)
         status = table[format].write(path, model, &own, &result);
-    if (status && status != SGS_STATUS_CANCELLED && !error_names(path))
+    if (status == SGS_STATUS_CANCELLED)
+        status = sgsi_fail(status, "%s: writing was cancelled", path);
+    else if (status && !error_names(path))
         status = sgsi_fail(status, "%s: %s", path, sgs_last_error());
     if (!status && !result.bytes && !stat(path, &file))
         result.bytes = (uint64_t)file.st_size;

@@ -676,8 +676,13 @@ static void unknown_files_are_refused(void **state)
     (void)state;
     const temp_folder folder = temp_folder_make();
     model_refused(temp_path(&folder, "none.spz"), SGS_STATUS_IO, "cannot be opened", "missing");
-    model_refused(temp_path(&folder, "none.bin"), SGS_STATUS_UNSUPPORTED,
-                  "is not a model in a known format", "missing and unknown");
+    static const char *const missing[] = {"none", "none.bin", "none.html"};
+    for (size_t k = 0; k < sizeof missing / sizeof *missing; ++k) {
+        size_t count;
+        const char *path = temp_path(&folder, missing[k]);
+        model_refused(path, SGS_STATUS_IO, "cannot be opened", missing[k]);
+        assert_int_equal(sgs_model_read_count(path, &count), SGS_STATUS_IO);
+    }
     model_refused(folder.path, SGS_STATUS_IO, "is a folder without meta.json or lod-meta.json",
                   "folder");
     file_put(temp_path(&folder, "a.bin"), "hello", 5);

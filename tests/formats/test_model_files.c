@@ -191,6 +191,7 @@ static void levels_of_detail_are_replaced_as_a_whole(void **state)
         const sgs_status status = sgs_model_write(path, second, &options, NULL);
         files_unlimited();
         assert_int_equal(status, stopped ? SGS_STATUS_CANCELLED : SGS_STATUS_IO);
+        assert_true(!stopped || strstr(sgs_last_error(), ": writing was cancelled"));
         for (int level = 0; level < 2; ++level) {
             read_hash(path, level, after);
             assert_string_equal(before[level], after);
@@ -262,6 +263,22 @@ static void names_and_contents_select_formats(void **state)
                          0);
         assert_true(sgs_model_format_detect(temp_path(&folder, "model.splat"), &found));
         assert_int_equal(found, format == SGS_MODEL_SPZ ? SGS_MODEL_SPLAT : format);
+    }
+    // Pages of this library are known by their mark, not by the document type of every page.
+    sgs_model_format page;
+    assert_int_equal(sgs_model_write(temp_path(&folder, "a.html"), model, NULL, NULL),
+                     SGS_STATUS_OK);
+    assert_true(sgs_model_format_detect(temp_path(&folder, "a.html"), &page));
+    assert_int_equal(page, SGS_MODEL_HTML);
+    model_refused(temp_path(&folder, "a.html"), SGS_STATUS_UNSUPPORTED,
+                  "is a page that shows a model and cannot be read", "page");
+    static const char other[] = "<!doctype html>\n<html lang=\"en\"><title>Notes</title>";
+    static const char *const pages[] = {"other.html", "other.bin"};
+    for (size_t k = 0; k < 2; ++k) {
+        file_put(temp_path(&folder, pages[k]), other, sizeof other - 1);
+        assert_false(sgs_model_format_detect(temp_path(&folder, pages[k]), &page));
+        model_refused(temp_path(&folder, pages[k]), SGS_STATUS_UNSUPPORTED,
+                      "is not a model in a known format", pages[k]);
     }
     assert_int_equal(mkfifo(temp_path(&folder, "a.pipe"), 0600), 0);
     model_refused(temp_path(&folder, "a.pipe"), SGS_STATUS_IO, "is not a regular file", "pipe");

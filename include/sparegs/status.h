@@ -4,7 +4,7 @@
 
 // How the library reports failures: one status code per fallible call, one thread-local sentence
 // that names the file, the place in it and the fix, and a callback for warnings. The library itself
-// never prints and never exits.
+// never prints and never exits; libpng prints an error for some invalid PNG files.
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -12,6 +12,7 @@
 
 #include "sparegs/image.h"
 
+#include <libdeflate.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -62,54 +63,115 @@ static bool jpeg_ends_early(FILE *stream)
     return false;
 }
 
-// The same for the chunks of a PNG file, up to IEND.
-static bool png_ends_early(FILE *stream)
+// CRC-32 of the type and the content of a chunk, which it reads. False if the file ends before.
+static bool chunk_crc(FILE *stream, const uint8_t type[4], size_t size, uint32_t *crc)
 {
-    uint8_t head[8];
-    if (fseek(stream, 8, SEEK_SET))
-        return true;
-    while (fread(head, 1, sizeof head, stream) == sizeof head) {
-        if (!memcmp(head + 4, "IEND", 4))
+    uint8_t block[1 << 14];
+    *crc = libdeflate_crc32(0, type, 4);
+    while (size) {
+        const size_t part = size < sizeof block ? size : sizeof block;
+        if (fread(block, 1, part, stream) != part)
             return false;
-        const long size = (long)head[0] << 24 | (long)head[1] << 16 | (long)head[2] << 8 | head[3];
-        if (fseek(stream, size + 4, SEEK_CUR))
-            return true;
+        *crc = libdeflate_crc32(*crc, block, part);
+        size -= part;
     }
     return true;
 }
 
-// Fails for truncated files before they are decoded: JPEG decoders fill the missing part with grey
-// without an error, which would then be trained; libpng prints to the terminal.
-sgs_status sgsi_image_check_complete(const char *path)
+static uint32_t read_u32(const uint8_t bytes[4])
+{
+    return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
+}
+
+// A type that libpng does not end with an error: four letters, and a critical chunk of PNG.
+static bool is_chunk_type(const uint8_t type[4], bool first, bool *critical)
+{
+    static const char *const known[] = {"IHDR", "PLTE", "IDAT"};
+    for (int k = 0; k < 4; ++k)
+        if ((type[k] | 0x20) < 'a' || (type[k] | 0x20) > 'z')
+            return false;
+    *critical = !(type[0] & 0x20);
+    bool is_known = !*critical;
+    for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
+        is_known = is_known || !memcmp(type, known[k], 4);
+    return is_known && first == !memcmp(type, "IHDR", 4);
+}
+
+typedef enum soundness { SOUND, TRUNCATED, DAMAGED } soundness;
+
+// Reads the chunks up to IEND. With `pixels` also the checksums of the pixels, otherwise only those
+// of other critical chunks. *at: begin of the damaged chunk.
+static soundness check_png(FILE *stream, bool pixels, size_t *at)
+{
+    uint8_t head[8], stored[4];
+    *at = 0;
+    if (fseek(stream, 0, SEEK_SET) || fread(head, 1, sizeof head, stream) != sizeof head)
+        return TRUNCATED;
+    if (memcmp(head + 4, "\r\n\x1a\n", 4) != 0) // by a transfer as text
+        return DAMAGED;
+    *at = 8;
+    bool has_pixels = false;
+    while (fread(head, 1, sizeof head, stream) == sizeof head) {
+        const uint8_t *type = head + 4;
+        const size_t size = read_u32(head);
+        bool critical;
+        uint32_t crc;
+        if (*at > 8 && !memcmp(type, "IEND", 4))
+            return has_pixels ? SOUND : DAMAGED;
+        if (size > INT32_MAX || !is_chunk_type(type, *at == 8, &critical))
+            return DAMAGED;
+        const bool is_pixels = !memcmp(type, "IDAT", 4);
+        has_pixels = has_pixels || is_pixels;
+        if (!critical || (is_pixels && !pixels)) {
+            if (fseek(stream, (long)size + 4, SEEK_CUR))
+                return TRUNCATED;
+        } else {
+            if (!chunk_crc(stream, type, size, &crc) ||
+                fread(stored, 1, sizeof stored, stream) != sizeof stored)
+                return TRUNCATED;
+            if (crc != read_u32(stored))
+                return DAMAGED;
+        }
+        *at += size + 12;
+    }
+    return TRUNCATED;
+}
+
+// Fails before decoders run: those of JPEG fill the missing part with grey without an error, which
+// would then be trained; libpng prints errors to the terminal.
+sgs_status sgsi_image_check_complete(const char *path, bool pixels)
 {
     FILE *stream;
-    size_t size;
+    size_t size, at = 0;
     if (sgsi_file_open(path, &stream, &size))
         return SGS_STATUS_OK; // the decoder reports the reason
     uint8_t start[4] = {0};
     const size_t got = fread(start, 1, sizeof start, stream);
-    bool truncated = false;
+    soundness found = SOUND;
     if (got == 4 && start[0] == 0xff && start[1] == 0xd8)
-        truncated = fseek(stream, 2, SEEK_SET) || jpeg_ends_early(stream);
+        found = fseek(stream, 2, SEEK_SET) || jpeg_ends_early(stream) ? TRUNCATED : SOUND;
     else if (got == 4 && !memcmp(start, "\x89PNG", 4))
-        truncated = png_ends_early(stream);
+        found = check_png(stream, pixels, &at);
     fclose(stream);
-    return truncated ? sgsi_fail(SGS_STATUS_FORMAT,
-                                 "%s: the image file is truncated; copy it again", path)
-                     : SGS_STATUS_OK;
+    if (found == TRUNCATED)
+        return sgsi_fail(SGS_STATUS_FORMAT, "%s: the image file is truncated; copy it again", path);
+    return found == SOUND
+               ? SGS_STATUS_OK
+               : sgsi_fail(SGS_STATUS_FORMAT,
+                           "%s: byte %zu: the image file is damaged; copy it again", path, at);
 }
 
 sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
 {
     *image = (sgs_image8){0};
-    const sgs_status status = sgsi_image_check_complete(path);
+    const sgs_status status = sgsi_image_check_complete(path, true);
     return status ? status : sgsi_oiio_read(path, false, image);
 }
 
 sgs_status sgs_image8_probe(const char *path, int *width, int *height)
 {
     int channels;
-    const sgs_status status = sgsi_image_check_complete(path);
+    const sgs_status status = sgsi_image_check_complete(path, false);
     return status ? status : sgsi_oiio_probe(path, width, height, &channels);
 }
 

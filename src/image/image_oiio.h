@@ -60,8 +60,9 @@ typedef void (*sgsi_row_fn)(void *context, int y, const float *row);
 sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_row_fn take,
                                void *context);
 
-// In image.c. Fails if the image file is truncated.
-sgs_status sgsi_image_check_complete(const char *path);
+// In image.c. Fails if the image file is truncated, or a PNG file is damaged. pixels: whether they
+// will be decoded; otherwise, damage of their data is not looked for.
+sgs_status sgsi_image_check_complete(const char *path, bool pixels);
 
 // Encodes a PNG to new memory (sgsi_free). `path` is used in errors only. `description`: its text
 // chunk Description, or NULL.

@@ -364,7 +364,7 @@ static sgs_status read_photo(const sgsi_photo_source *source, sgs_photo *photo, 
 {
     sgsi_image_info info;
     sgs_image8 image;
-    sgs_status status = sgsi_image_check_complete(source->image_path);
+    sgs_status status = sgsi_image_check_complete(source->image_path, true);
     if (!status)
         status = sgsi_oiio_describe(source->image_path, source->colorspace, &info);
     if (!status && source->display_window)

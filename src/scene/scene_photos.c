@@ -94,7 +94,7 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
         return;
     }
     if (!l->options->load_images && !l->options->headers_only)
-        s->status = sgsi_image_check_complete(path);
+        s->status = sgsi_image_check_complete(path, false);
     if (!s->status)
         s->status = sgsi_oiio_describe(path, l->options->colorspace, &info);
     bool display = false;

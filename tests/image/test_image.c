@@ -4,6 +4,7 @@
 // Photos: all pixel formats become 8-bit RGB or RGBA, broken and oversized files are rejected,
 // area averaging is exact, and PNG files round-trip bit by bit.
 
+#include <fcntl.h>
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -362,6 +363,55 @@ static void broken_files_are_rejected_by_name(void **state)
     tree_remove(&folder);
 }
 
+// libpng prints its errors: damaged files do not reach it. A changed bit of any byte, up to the
+// last chunk, is refused, except in chunks that libpng may ignore.
+static void damaged_png_files_are_refused_silently(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    enum { SIDE = 12 };
+    static uint8_t pixels[3 * SIDE * SIDE];
+    for (uint64_t i = 0; i < sizeof pixels; ++i)
+        pixels[i] = (uint8_t)sgsi_random_bits(8, i);
+    char path[512];
+    snprintf(path, sizeof path, "%s", temp_path(&folder, "a.png"));
+    assert_int_equal(sgs_png_write(path, &(sgs_image8){SIDE, SIDE, 3, pixels}), SGS_STATUS_OK);
+    size_t size, refused = 0, begin = 0;
+    unsigned char *bytes = file_get(path, &size);
+    const unsigned char *data = memmem(bytes, size, "IDAT", 4);
+    const unsigned char *end = memmem(data, (size_t)(bytes + size - data), "IEND", 4);
+    const int terminal = dup(2),
+              log = open(temp_path(&folder, "log"), O_RDWR | O_CREAT | O_TRUNC, 0600);
+    assert_true(terminal >= 0 && log >= 0);
+    dup2(log, 2);
+    for (size_t at = 4; at < (size_t)(end - bytes) - 4; ++at) {
+        sgs_image8 image;
+        bytes[at] ^= (unsigned char)(1 << at % 8);
+        file_put(path, bytes, size);
+        bytes[at] ^= (unsigned char)(1 << at % 8);
+        const sgs_status status = sgs_image8_read(path, &image);
+        sgs_image8_free(&image);
+        begin += status == SGS_STATUS_FORMAT && at < 33; // signature and IHDR
+        refused += status == SGS_STATUS_FORMAT && at >= (size_t)(data - bytes) - 4;
+    }
+    dup2(terminal, 2);
+    assert_int_equal(lseek(log, 0, SEEK_END), 0);
+    assert_int_equal(begin, 29);
+    assert_int_equal(refused, end - data);
+    bytes[40 + (size_t)(data - bytes)] ^= 1;
+    file_put(path, bytes, size);
+    sgs_image8 image;
+    char message[64];
+    snprintf(message, sizeof message, "a.png: byte %zu: the image file is damaged; copy it again",
+             (size_t)(data - bytes) - 4);
+    assert_int_equal(sgs_image8_read(path, &image), SGS_STATUS_FORMAT);
+    assert_holds(sgs_last_error(), message);
+    close(terminal);
+    close(log);
+    free(bytes);
+    tree_remove(&folder);
+}
+
 // libjpeg fills the missing part of a truncated image with grey. Reading only its size fails as
 // well, so that the number of usable views does not depend on whether pixels are loaded.
 static void truncated_images_are_rejected(void **state)
@@ -548,6 +598,7 @@ int main(void)
         cmocka_unit_test(png_rejects_unsupported_images),
         cmocka_unit_test(broken_files_are_rejected_by_name),
         cmocka_unit_test(truncated_images_are_rejected),
+        cmocka_unit_test(damaged_png_files_are_refused_silently),
         cmocka_unit_test(downscaling_is_the_area_average),
         cmocka_unit_test(downscaling_keeps_a_constant_image),
         cmocka_unit_test(colour_under_transparent_pixels_does_not_bleed),

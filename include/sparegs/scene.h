@@ -173,6 +173,9 @@ typedef struct sgs_scene {
 // unreadable images are skipped with a warning and counted. A view whose mask excludes every pixel
 // is dropped. A scene may have no points.
 //
+// Photos that are not kept in memory (image_cache, load_images false) are read again later. With a
+// relative path, the working directory must then be the same.
+//
 // Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
 // MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the channels >= 128; all
 // but 0 if none is) is valid. Last, instant-ngp's dynamic_mask_STEM.png next to the photo: black is

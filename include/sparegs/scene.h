@@ -41,6 +41,9 @@ typedef struct sgs_view {
     char *image_path;  // the image file; the name again for SGS_SCENE_MEMORY
     char *mask_path;   // file of the valid mask, or NULL
     sgs_camera camera; // at the size of `image`, after down-scaling
+    // At the size of the image file (or of its display window), before down-scaling, which may
+    // round width and height differently. Without files: the camera before down-scaling.
+    sgs_camera file_camera;
     sgs_pose pose;
     sgs_split split; // SGS_SPLIT_TRAIN or SGS_SPLIT_TEST
     // Width 0 without load_images. No pixels if the photo is in the image cache: call

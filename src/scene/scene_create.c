@@ -275,7 +275,7 @@ static sgs_status make_entries(creator *c, const sgs_view_source *views, size_t 
         view->image_path = sgsi_strdup(view->name);
         if (!view->image_path)
             return sgsi_scene_no_memory(path);
-        view->camera = source->camera;
+        view->camera = view->file_camera = source->camera;
         view->pose = source->pose;
         sgs_pose_orthonormalize(&view->pose);
         view->split = source->split;

@@ -36,8 +36,7 @@ static void reduced_size(int downscale, sgsi_view_slot *s)
 }
 
 // Completes a camera without size (see sgsi_frame) and fits it to its photo.
-static sgs_status fit_camera(const sgsi_frame *frame, sgsi_view_slot *s, const sgs_view *view,
-                             sgs_camera *out)
+static sgs_status fit_camera(const sgsi_frame *frame, sgsi_view_slot *s, sgs_view *view)
 {
     sgs_camera camera = frame->camera;
     if (camera.width == 0 && camera.model == SGS_CAMERA_EQUIRECTANGULAR) {
@@ -57,9 +56,10 @@ static sgs_status fit_camera(const sgsi_frame *frame, sgsi_view_slot *s, const s
         if (isnan(camera.params[3]))
             camera.params[3] = 0.5 * s->file_height;
     }
-    *out = sgs_camera_resized(&camera, s->width, s->height);
+    view->camera = sgs_camera_resized(&camera, s->width, s->height);
+    view->file_camera = sgs_camera_resized(&camera, s->file_width, s->file_height);
     s->circle = frame->circle * s->width / camera.width;
-    if (sgs_camera_validate(out))
+    if (sgs_camera_validate(&view->camera) || sgs_camera_validate(&view->file_camera))
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: camera of '%s': %s", view->image_path, view->name,
                          sgs_last_error());
     return SGS_STATUS_OK;
@@ -294,8 +294,7 @@ sgs_status sgsi_loader_read_photos(sgsi_scene_loader *l)
         return sgsi_scene_cancelled(scene->path);
     for (size_t i = 0; i < scene->view_count && !status; ++i)
         if (!l->slots[i].status)
-            status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i],
-                                &scene->views[i].camera);
+            status = fit_camera(&l->dataset.frames[i], &l->slots[i], &scene->views[i]);
     if (!status)
         status = measure_white_point(l);
     if (!status && !sgsi_loader_cameras_only(l))

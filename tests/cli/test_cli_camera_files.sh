@@ -134,6 +134,37 @@ colmap_model "$temporary/rounded" "PINHOLE 60 33 28.2 27.6 30 16.5"
 run 0 render "$model" "$temporary/rounded" --orbit 3 --frames 1 --aov rgba -o "$temporary/rounded_orbit"
 json "$temporary/rounded_orbit/cameras.json" 'all(.[]; .fx == .fy)'
 
+# sizes_of_the_photo_show_the_photo: 60 x 41 pixels with f 45 at 31, 20, reduced by 4 and rounded to 15 x 10; every size of
+# this shape scales each axis by its own ratio, others keep the height. camera_is FILE FX FY CX CY
+colmap_model "$temporary/odd" "PINHOLE 60 41 45 45 31 20"
+mkdir "$temporary/odd/images"
+for view in 1 2 3; do oiiotool --create 60x41 3 -o "$temporary/odd/images/$view.jpg"; done
+camera_is() {
+    json "$1" ".[0] | [(.fx, .fy, .cx, .cy), .params[]] as \$k | [\$k[:4], \$k[4:]] | all(.[]; [., [$2, $3, $4, $5]] | transpose |
+        all(.[]; (.[0] - .[1] | fabs) <= 1e-12 * .[1]))"
+}
+odd() { run 0 render "$model" "$@" --view 2 --aov rgba --save-cameras json,usda -o "$temporary/odd_view"; }
+saved=$temporary/odd_view/cameras.json
+odd "$temporary/odd" --downscale 4
+camera_is "$saved" 45*15/60 45*10/41 31*15/60 20*10/41
+cp "$saved" "$temporary/reduced.json"
+for size in 15x10 15x11 30x20 60x41 90x61 120x82; do
+    odd "$temporary/odd" --downscale 4 --size $size
+    camera_is "$saved" "45*${size%x*}/60" "45*${size#*x}/41" "31*${size%x*}/60" "20*${size#*x}/41"
+done
+odd "$temporary/odd" --downscale 4 --size 60x41
+json "$saved" '.[0] | [.fx, .fy, .cx, .cy, .width, .height] == [45, 45, 31, 20, 60, 41]'
+check plate_focal_length test "$(exr_value pinholeFocalLength "$temporary/odd_view/2.exr")" = 27
+check plate_film_back test "$(exr_value sensorOverallDimensions "$temporary/odd_view/2.exr")" = '(36 24.6)'
+check plate_pixels test "$(exr_value pixelAspectRatio "$temporary/odd_view/2.exr")" = 1
+check plate_film_back_of_usda test "$(sed -n '/ verticalAperture.timeSamples/,/}/s/^ *0: //p' "$temporary/odd_view/cameras.usda")" = 24.6,
+odd --camera "$temporary/reduced.json" --size 60x41
+camera_is "$saved" 45 45 31 20
+odd "$temporary/odd" --downscale 4 --size 80x41
+camera_is "$saved" 45 45 41 20
+odd "$temporary/odd" --downscale 4 --size 60x82
+camera_is "$saved" 90 90 32 40
+
 # chan_omits_the_pixel_aspect_ratio
 run 0 render "$model" "$temporary/squeezed" --orbit 3 --size 96x54 --frames 0 --aov rgba --save-cameras chan -o "$temporary/squeezed_chan"
 reports "cameras in chan have square pixels; the width of the pixels of 3 camera(s) is omitted"

@@ -207,6 +207,9 @@ static void wide_images_are_downscaled_to_1600_pixels_with_a_warning(void **stat
     sgs_scene *scene = load(folder.path, NULL);
     assert_true(scene->views[0].camera.width == 1600 && scene->views[0].camera.height == 1);
     assert_true(scene->views[0].image.width == 1600 && scene->views[1].camera.width == 32);
+    const sgs_camera *file = &scene->views[0].file_camera;
+    assert_true(file->width == 2001 && file->height == 2 &&
+                scene->views[1].file_camera.width == 32);
     assert_true(scene->reduction == 2001.0 / 1600);
     assert_holds(warnings, "images wider than 1600 px are reduced to 1600 px; use option downscale "
                            "1 to keep their size");

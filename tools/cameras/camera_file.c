@@ -125,6 +125,7 @@ static const char *read_camera(const json_t *entry, named_camera *camera)
     const char *problem = read_lens(entry, &camera->camera);
     if (problem)
         return problem;
+    camera->file_camera = camera->camera;
     camera_pose(rotation, position, &camera->pose);
     const json_t *orientation = json_object_get(entry, "exif_orientation");
     const json_int_t held = json_integer_value(orientation); // 0 without one

@@ -16,6 +16,7 @@
 typedef struct named_camera {
     char *name, *stem; // stem: see file_stems.h; NULL until assigned
     sgs_camera camera;
+    sgs_camera file_camera; // at the size of the image file; of paths: width 0
     sgs_pose pose;
     int orientation; // Exif, of the image file, 1 to 8; 0: unknown
     int frame;       // its number in .chan and .usda

@@ -422,6 +422,8 @@ bool camera_path_orbit(const sgs_scene *scene, const path_options *options, came
         const double step = path.arc / (closed ? count : fmax(count - 1, 1));
         list->cameras[i].name = format_text("orbit_%05d", options->first + i);
         list->cameras[i].camera = lens;
+        if (options->keep_lens)
+            list->cameras[i].file_camera = scene->views[0].file_camera;
         look(&list->cameras[i], orbit_eye(&path, path.first + step * i), path.subject, path.up);
     }
     list->arc = closed ? 0 : path.arc * 180 / PI;
@@ -467,6 +469,8 @@ bool camera_path_spiral(const sgs_scene *scene, const path_options *options, cam
                               forward, radius * sin(0.5 * turn));
         list->cameras[i].name = format_text("spiral_%05d", options->first + i);
         list->cameras[i].camera = lens;
+        if (options->keep_lens)
+            list->cameras[i].file_camera = scene->views[0].file_camera;
         look(&list->cameras[i], eye, target, up);
     }
     return true;

@@ -145,6 +145,7 @@ static bool scene_cameras(const camera_choice *choice, const sgs_scene *scene, c
         const sgs_view *view = &scene->views[v];
         list->cameras[list->count++] = (named_camera){.name = format_text("%s", view->name),
                                                       .camera = view->camera,
+                                                      .file_camera = view->file_camera,
                                                       .pose = view->pose,
                                                       .orientation = view->orientation};
     }
@@ -207,15 +208,40 @@ static bool source_cameras(const camera_choice *choice, const sgs_scene *scene, 
            name_files(list);
 }
 
-static void reshape(const camera_choice *choice, sgs_camera *camera)
+// The aspect ratios differ by less than one pixel of the shorter side, in the smaller of the sizes:
+// each may be the other, reduced or enlarged and rounded.
+static bool same_shape(const sgs_camera *camera, int width, int height)
 {
+    const long long a = (long long)width * camera->height, b = (long long)height * camera->width;
+    const int sides[4] = {width, height, camera->width, camera->height};
+    long long longest = 0;
+    for (int k = 0; k < 4; ++k)
+        longest = sides[k] > longest ? sides[k] : longest;
+    return (a < b ? b - a : a - b) < longest;
+}
+
+// The lens of a photo scales per axis to the sizes of its reductions, as in training.
+static sgs_camera sized_camera(const named_camera *view, int width, int height)
+{
+    const sgs_camera *camera = &view->camera, *file = &view->file_camera;
+    if (camera->width == width && camera->height == height)
+        return *camera;
+    if (file->width < 1)
+        return sgs_camera_reframed(camera, width, height);
+    return same_shape(file, width, height) ? sgs_camera_resized(file, width, height)
+                                           : sgs_camera_reframed(file, width, height);
+}
+
+static void reshape(const camera_choice *choice, named_camera *view)
+{
+    sgs_camera *camera = &view->camera;
     const bool sized = choice->width > 0;
     const sgs_camera sphere = sgs_camera_equirectangular(camera->width, camera->height);
     if (choice->projection == PROJECTION_EQUIRECTANGULAR || sgs_camera_equal(camera, &sphere))
         *camera = sgs_camera_equirectangular(sized ? choice->width : 2 * camera->height,
                                              sized ? choice->height : camera->height);
     else if (sized)
-        *camera = sgs_camera_reframed(camera, choice->width, choice->height);
+        *camera = sized_camera(view, choice->width, choice->height);
 }
 
 static bool frames_exist(const frame_range *range, size_t count)
@@ -241,7 +267,7 @@ bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_
     for (size_t i = 0; i < list->count; ++i) {
         named_camera *camera = &list->cameras[i];
         camera->frame = list->has_frames ? camera->frame : list->first + (int)i;
-        reshape(choice, &camera->camera);
+        reshape(choice, camera);
     }
     return true;
 }

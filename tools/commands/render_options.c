@@ -130,8 +130,8 @@ const option render_options[RENDER_OPTIONS] = {
      .argument = "WxH",
      .shown = "the view's",
      .unit = "pixels",
-     .help =
-         "image size; keeps the vertical field of view and crops or extends the horizontal one"},
+     .help = "image size; a reduction of the photo, up to rounding, shows the whole photo; other "
+             "sizes keep the vertical field of view and crop or extend the horizontal one"},
     {.name = "projection",
      .kind = OPTION_CHOICE,
      .offset = AT(projection),

@@ -165,6 +165,29 @@ camera_is "$saved" 45 45 41 20
 odd "$temporary/odd" --downscale 4 --size 60x82
 camera_is "$saved" 90 90 32 40
 
+# models_have_perspective_cameras_only: view 2 is a pinhole, the others are a fisheye lens and a panorama
+colmap_model "$temporary/mixed" "OPENCV_FISHEYE 60 40 30 30 30 20 0 0 0 0"
+printf '2 PINHOLE 60 40 45 45 30 20\n3 EQUIRECTANGULAR 60 30 60 30\n' >>"$temporary/mixed/sparse/0/cameras.txt"
+sed -i 's/ 1 \([23]\).jpg/ \1 \1.jpg/' "$temporary/mixed/sparse/0/images.txt"
+mkdir "$temporary/mixed/images"
+for view in 1:60x40 2:60x40 3:60x30; do oiiotool --create ${view#*:} 3 -o "$temporary/mixed/images/${view%:*}.jpg"; done
+run 0 convert "$model" "$temporary/mixed.usda" "$temporary/mixed"
+reports "cameras in usda are perspective; 2 camera(s) with a fisheye lens or a panorama are omitted"
+check a_camera_is_left test "$(grep -c 'def Camera' "$temporary/mixed.usda")" = 1
+check the_pinhole_is_left grep -q 'focalLength = 27$' "$temporary/mixed.usda"
+page_views() { sed -n '/<script id="model"/,/<\/script>/p' "$1" | sed '1d;$d' | jq -r '[.cameras[] | "\(.name) \(.fx)"] | join(",")'; }
+run 0 convert "$model" "$temporary/mixed.html" "$temporary/mixed"
+reports "2 camera(s) with a fisheye lens or a panorama are omitted, and the page begins with another one"
+check the_page_has_the_pinhole test "$(page_views "$temporary/mixed.html")" = '2.jpg 45'
+run 0 view "$model" "$temporary/mixed" --export "$temporary/mixed.html"
+check the_page_of_view_has_the_pinhole test "$(page_views "$temporary/mixed.html")" = '2.jpg 45'
+sed -i '/PINHOLE/d' "$temporary/mixed/sparse/0/cameras.txt" && sed -i 's/ 2 2.jpg/ 1 2.jpg/' "$temporary/mixed/sparse/0/images.txt"
+run 0 convert "$model" "$temporary/mixed.html" "$temporary/mixed"
+reports "3 camera(s) with a fisheye lens or a panorama are omitted, and the page begins in front of the model"
+check the_page_has_no_camera test "$(page_views "$temporary/mixed.html")" = ''
+run 0 convert "$model" "$temporary/mixed.usda" "$temporary/mixed"
+check no_camera_is_left bash -c "! grep -q 'def Camera' '$temporary/mixed.usda'"
+
 # chan_omits_the_pixel_aspect_ratio
 run 0 render "$model" "$temporary/squeezed" --orbit 3 --size 96x54 --frames 0 --aov rgba --save-cameras chan -o "$temporary/squeezed_chan"
 reports "cameras in chan have square pixels; the width of the pixels of 3 camera(s) is omitted"

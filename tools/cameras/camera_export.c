@@ -202,19 +202,19 @@ static bool is_distorted(const sgs_camera *camera)
     return camera->model != SGS_CAMERA_PINHOLE && camera->model != SGS_CAMERA_SIMPLE_PINHOLE;
 }
 
-void cameras_warn_distorted(const char *format, size_t count)
+static void warn_distorted(const char *format, size_t count)
 {
     if (count)
         print_warning("cameras in %s have no lens distortion; that of %zu camera(s) is omitted",
                       format, count);
 }
 
-static void warn_distorted(const char *format, const camera_list *list)
+static size_t count_distorted(const camera_list *list)
 {
     size_t count = 0;
     for (size_t i = 0; i < list->count; ++i)
         count += is_distorted(&list->cameras[i].camera);
-    cameras_warn_distorted(format, count);
+    return count;
 }
 
 // .chan has no film offset and no pixel aspect ratio.
@@ -270,7 +270,7 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
                                                     : "usda";
         char *path = format_text("%s/cameras.%s", folder, name);
         if (format != CAMERAS_JSON)
-            warn_distorted(name, list);
+            warn_distorted(name, count_distorted(list));
         if (format == CAMERAS_CHAN)
             warn_intrinsics(list);
         done = format == CAMERAS_JSON
@@ -283,12 +283,30 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
     return done;
 }
 
-bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose *pose,
-                      sgs_model_camera *out)
+void model_cameras_add(model_cameras *list, const char *name, const sgs_camera *camera,
+                       const sgs_pose *pose)
 {
+    if (!camera_is_perspective(camera)) {
+        ++list->omitted;
+        return;
+    }
+    sgs_model_camera *out = &list->cameras[list->count++];
     *out = (sgs_model_camera){.name = name, .width = camera->width, .height = camera->height};
     camera_paraxial(camera, &out->fx, &out->fy, &out->cx, &out->cy);
     memcpy(out->rotation, pose->rotation, sizeof out->rotation);
     memcpy(out->translation, pose->translation, sizeof out->translation);
-    return is_distorted(camera);
+    list->distorted += is_distorted(camera);
+}
+
+void model_cameras_warn(const model_cameras *list, sgs_model_format format)
+{
+    const char *name = sgs_model_format_name(format);
+    warn_distorted(name, list->distorted);
+    if (list->omitted)
+        print_warning("cameras in %s are perspective; %zu camera(s) with a fisheye lens or a "
+                      "panorama are omitted%s",
+                      name, list->omitted,
+                      format != SGS_MODEL_HTML ? ""
+                      : list->count            ? ", and the page begins with another one"
+                                               : ", and the page begins in front of the model");
 }

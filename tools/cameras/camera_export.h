@@ -20,9 +20,16 @@ bool cameras_export(const char *folder, unsigned formats, const camera_list *lis
 // False for fisheye lenses and panoramas.
 bool camera_is_perspective(const sgs_camera *camera);
 
-// The pinhole part of a camera, for files of models. name is borrowed. Returns true if the camera
-// has lens distortion, which is omitted.
-bool camera_for_model(const char *name, const sgs_camera *camera, const sgs_pose *pose,
-                      sgs_model_camera *out);
-// Warns that a file of this format omits the distortion of `count` cameras; not for 0.
-void cameras_warn_distorted(const char *format, size_t count);
+// The cameras of a model file, which holds pinholes only.
+typedef struct model_cameras {
+    sgs_model_camera *cameras; // the caller's memory for all cameras that are added
+    size_t count;
+    size_t distorted; // of them, those whose distortion is omitted
+    size_t omitted;   // not perspective
+} model_cameras;
+
+// Adds the pinhole part of a camera, unless it is not perspective. name is borrowed.
+void model_cameras_add(model_cameras *list, const char *name, const sgs_camera *camera,
+                       const sgs_pose *pose);
+// Warns about what a file of this format omits.
+void model_cameras_warn(const model_cameras *list, sgs_model_format format);

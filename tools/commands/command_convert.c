@@ -538,17 +538,19 @@ static void transform_camera(const convert_plan *plan, sgs_model_camera *camera)
 
 // ---- Writing ----
 
-static sgs_model_camera *make_cameras(const convert_plan *plan, const sgs_scene *scene)
+// False without memory.
+static bool make_cameras(const convert_plan *plan, const sgs_scene *scene, model_cameras *list)
 {
-    sgs_model_camera *cameras = calloc(scene->view_count + 1, sizeof *cameras);
-    size_t distorted = 0;
-    for (size_t v = 0; cameras && v < scene->view_count; ++v) {
-        const sgs_view *view = &scene->views[v];
-        distorted += camera_for_model(view->name, &view->camera, &view->pose, &cameras[v]);
-        transform_camera(plan, &cameras[v]);
-    }
-    cameras_warn_distorted(sgs_model_format_name(plan->format), distorted);
-    return cameras;
+    list->cameras = calloc(scene->view_count + 1, sizeof *list->cameras);
+    if (!list->cameras)
+        return false;
+    for (size_t v = 0; v < scene->view_count; ++v)
+        model_cameras_add(list, scene->views[v].name, &scene->views[v].camera,
+                          &scene->views[v].pose);
+    for (size_t k = 0; k < list->count; ++k)
+        transform_camera(plan, &list->cameras[k]);
+    model_cameras_warn(list, plan->format);
+    return true;
 }
 
 // What OUT should record about the model.
@@ -576,19 +578,19 @@ static bool write_model(const convert_plan *plan, const char *path, const sgs_ga
     model_warn_unmarked(path, plan->format, &options);
     const bool has_cameras =
         scene && (plan->format == SGS_MODEL_USDA || plan->format == SGS_MODEL_HTML);
-    sgs_model_camera *cameras = has_cameras ? make_cameras(plan, scene) : NULL;
-    if (has_cameras && !cameras) {
+    model_cameras cameras = {0};
+    if (has_cameras && !make_cameras(plan, scene, &cameras)) {
         fail_run("%s: not enough memory for %zu cameras", path, scene->view_count);
         return false;
     }
     progress_work_start();
-    options.cameras = cameras;
-    options.camera_count = cameras ? scene->view_count : 0;
-    if (cameras)
+    options.cameras = cameras.cameras;
+    options.camera_count = cameras.count;
+    if (has_cameras)
         transform_up(plan, scene, options.up);
     const sgs_status status = sgs_model_write(path, model, &options, written);
     progress_end();
-    free(cameras);
+    free(cameras.cameras);
     if (status && status != SGS_STATUS_CANCELLED)
         fail_library();
     return !status;

@@ -95,24 +95,23 @@ static int export_page(const char *path, const view_source *source, bool json)
     const camera_list *views = &source->views;
     if (!make_folder_of(path))
         return EXIT_FAILED;
-    sgs_model_camera *cameras = calloc(views->count + 1, sizeof *cameras);
-    if (!cameras)
+    model_cameras list = {.cameras = calloc(views->count + 1, sizeof *list.cameras)};
+    if (!list.cameras)
         return fail_run("not enough memory for %zu cameras", views->count);
-    size_t distorted = 0;
     for (size_t k = 0; k < views->count; ++k)
-        distorted += camera_for_model(views->cameras[k].name, &views->cameras[k].camera,
-                                      &views->cameras[k].pose, &cameras[k]);
-    cameras_warn_distorted("html", distorted);
+        model_cameras_add(&list, views->cameras[k].name, &views->cameras[k].camera,
+                          &views->cameras[k].pose);
+    model_cameras_warn(&list, SGS_MODEL_HTML);
     sgs_model_write_options options = model_write_options(&source->drawing);
-    options.cameras = cameras;
-    options.camera_count = views->count;
+    options.cameras = list.cameras;
+    options.camera_count = list.count;
     camera_path_up(source->scene, views, options.up);
     options.progress = model_show_encoding;
     model_warn_unmarked(path, SGS_MODEL_HTML, &options);
     progress_work_start();
     const sgs_status status = sgs_model_write(path, source->model, &options, NULL);
     progress_end();
-    free(cameras);
+    free(list.cameras);
     if (status == SGS_STATUS_CANCELLED)
         return interrupt_status();
     if (status)

@@ -51,7 +51,7 @@ check there_are_cases test "$cases" -gt 60
 # no_other_option_is_new: these always have an effect, or the command warns or refuses depending on the data.
 jq -r '.commands[] | .command as $c | .options[] | select(.needs == null) | "\($c) \(.name)"' "$temporary/tables.json" | LC_ALL=C sort >"$temporary/others"
 grep -oE '^[a-z]+: .*' <<'LIST' | awk -F': ' '{ n = split($2, name, " "); for (i = 1; i <= n; ++i) print $1, name[i] }' | LC_ALL=C sort >"$temporary/known"
-train: view output save-at checkpoint-every time-limit max-memory resume overwrite trace lpips
+train: view output save-at checkpoint-every time-limit max-memory resume overwrite trace lpips eval-train
 train: iterations schedule batch pipeline
 train: filter optimizer sh-degree compact-box background max-gaussians init opaque exposure random-points spare ssim-weight ssim-sigma
 train: images downscale eval test-every test-images masks invert-masks alpha image-cache input-colorspace train-space

@@ -288,6 +288,38 @@ json "$temporary/given/config.json" '.options | .opaque and .background == [0, 1
 run 2 train "$room" --downscale 8 -o "$temporary/none" --opaque --alpha-loss 0
 reports "--opaque requires --alpha-loss above 0"
 
+# the_evaluated_training_images_are_evenly_spaced: the 1st, 11th and 21st of 30; the choice is kept and free on resuming
+some=$temporary/some
+run 0 train "${data[@]}" -o "$some" --eval --iterations 2 --eval-train 3
+prints "(3 of 30 images, "
+run 0 eval "$some" "$room" --split train --json --quiet
+jq '[.images[0, 10, 20].psnr] | add / 3' "$temporary/stdout" >"$temporary/mean"
+json "$some/summary.json" ".test.images == 5 and .train.images == 3 and (.train.psnr - $(cat "$temporary/mean") | fabs) < 1e-4"
+json "$some/config.json" '.eval_train == 3'
+hash=$(jq -r .model_hash "$some/summary.json")
+run 0 train "$room" -o "$some" --resume --eval-train 0 --quiet
+check no_training_images bash -c "! grep 'training images' '$temporary/stdout'"
+run 0 train "$room" -o "$some" --resume --quiet
+json "$some/summary.json" '.stop_reason == "schedule" and .test.images == 5 and .train.images == 0 and .train.psnr == null'
+run 0 train "$room" -o "$some" --resume --eval-train all --quiet
+prints "(30 images, "
+json "$some/config.json" '.eval_train == "all"'
+json "$some/summary.json" ".train.images == 30 and .model_hash == \"$hash\""
+run 2 train "$room" -o "$some" --resume --eval-train some
+reports "--eval-train: 'some' is not a whole number from 0 to 1000000000 images, or all"
+one_line
+mkdir -p "$temporary/many/images"
+oiiotool --create 30x17 3 -o "$temporary/many/images/a_0001.jpg"
+jq '{fl_x: 25, w: 30, h: 17, frames: [("a", "b") as $row | .[] | {file_path: "images/\($row)_\(.img_name)", transform_matrix:
+    ([range(3) as $i | [.rotation[$i][0], -.rotation[$i][1], -.rotation[$i][2], .position[$i]]] + [[0, 0, 0, 1]])}]}' \
+    "$some/cameras.json" >"$temporary/many/transforms.json"
+jq -r '.frames[].file_path' "$temporary/many/transforms.json" | while read -r name; do
+    cp -n "$temporary/many/images/a_0001.jpg" "$temporary/many/$name"
+done
+run 0 train "$temporary/many" -o "$temporary/of_many" --iterations 2 --random-points 200 --quiet
+prints "(64 of 70 images, "
+json "$temporary/of_many/summary.json" '.train.images == 64'
+
 # names_that_json_cannot_hold_are_refused: without them in config.json, eval would take another split, other images or masks
 latin=$temporary/latin
 cp -r "$room" "$latin"

@@ -44,8 +44,9 @@ int find_word(const char *words, const char *word)
 const char *range_text(const option *row, char text[96])
 {
     const int digits = row->kind == OPTION_REAL ? 6 : 17; // integers with all digits
-    snprintf(text, 96, "%.*g to %.*g%s%s%s", digits, row->low, digits, row->high,
-             row->unit ? " " : "", row->unit ? row->unit : "", row->has_auto ? ", or auto" : "");
+    snprintf(text, 96, "%.*g to %.*g%s%s%s%s", digits, row->low, digits, row->high,
+             row->unit ? " " : "", row->unit ? row->unit : "", row->word ? ", or " : "",
+             row->word ? row->word : "");
     return text;
 }
 
@@ -58,9 +59,18 @@ static bool fail_range(const option *row, const char *argument)
     return false;
 }
 
+static bool is_word(const option *row, const char *argument)
+{
+    return row->word && !strcmp(argument, row->word);
+}
+
 static bool parse_integer(const option *row, const char *argument, int *value)
 {
     char *end;
+    if (is_word(row, argument)) {
+        *value = (int)row->of_word;
+        return true;
+    }
     errno = 0;
     const long number = strtol(argument, &end, 10);
     if (errno || end == argument || *end || (double)number < row->low || (double)number > row->high)
@@ -84,11 +94,11 @@ static bool parse_count(const option *row, const char *argument, uint64_t *value
 static bool parse_real(const option *row, const char *argument, double *value)
 {
     char *end;
-    const bool is_word = row->has_auto && !strcmp(argument, "auto");
-    const double number = is_word ? row->automatic : strtod(argument, &end);
-    const bool whole = is_word || (end != argument && !*end);
-    const bool automatic = row->has_auto && number == row->automatic;
-    if (!whole || !(automatic || (number >= row->low && number <= row->high)))
+    const bool worded = is_word(row, argument);
+    const double number = worded ? row->of_word : strtod(argument, &end);
+    const bool whole = worded || (end != argument && !*end);
+    const bool same = row->word && number == row->of_word;
+    if (!whole || !(same || (number >= row->low && number <= row->high)))
         return fail_range(row, argument);
     *value = number;
     return true;

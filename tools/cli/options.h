@@ -55,8 +55,8 @@ typedef struct option {
     double low, high;
     const char *argument; // name in the help; the words of CHOICE and SET
     const char *unlisted; // words of CHOICE after those that the help does not name, or NULL
-    bool has_auto;    // REAL: the word auto stands for the number `automatic`, which may be out of
-    double automatic; // the range
+    const char *word;    // INTEGER, REAL: auto or all, which stands for the number `of_word`, which
+    double of_word;      // may be out of the range; NULL = none
     const char *initial; // default, parsed as an argument; NULL leaves the struct's own value
     const char *shown;   // default as shown in the help; NULL = `initial`
     const char *unit;    // or NULL

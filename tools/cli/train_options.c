@@ -84,6 +84,19 @@ static const option output_options[] = {
      .help = "write the phases of each iteration as a Chrome/Perfetto trace (about 1.5 KB per "
              "iteration)"},
     LPIPS_OPTIONS(train_values),
+    {.name = "eval-train",
+     .kind = OPTION_INTEGER,
+     .offset = AT(eval_train),
+     .low = 0,
+     .high = 1e9,
+     .word = "all",
+     .of_word = EVALUATE_ALL,
+     .argument = "N|all",
+     .initial = "64",
+     .shown = "64, 0 = none",
+     .unit = "images",
+     .help = "training images, evenly spaced, that are evaluated after the training; the held-out "
+             "images are always evaluated"},
     {.name = "view",
      .kind = OPTION_TEXT,
      .offset = AT(view),
@@ -202,8 +215,8 @@ static void set_automatic(const sgs_train_option *from, option *row, char text[M
     const char *at = from->initial_text ? strstr(from->initial_text, mark) : NULL;
     if (!at)
         return;
-    row->has_auto = true;
-    row->automatic = from->initial;
+    row->word = "auto";
+    row->of_word = from->initial;
     row->low = row->low < 0 ? 0 : row->low;
     snprintf(text, MAX_TEXT, "auto: %s", at + sizeof mark - 1);
     row->shown = text;

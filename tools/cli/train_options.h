@@ -4,12 +4,17 @@
 
 // The options of `sparegs train`.
 
+#include <limits.h>
+
 #include "cli/shared_options.h"
 #include "sparegs/trainer.h"
+
+enum { EVALUATE_ALL = INT_MAX };
 
 typedef struct train_values {
     const char *output, *init, *trace, *lpips;
     int lpips_input;               // sgs_lpips_input
+    int eval_train;                // images, EVALUATE_ALL = all
     const char *view, *view_token; // of the viewer, or NULL
     double view_share;             // percent
     int checkpoint_every;

@@ -168,6 +168,9 @@ json_t *train_config(const char *scene_path, const train_values *values, const s
     set_integer(config, "checkpoint_every", (uint64_t)values->checkpoint_every);
     set_text(config, "lpips", values->lpips);
     set_word(config, "lpips_input", LPIPS_INPUT_WORDS, values->lpips_input);
+    json_object_set_new(config, "eval_train",
+                        values->eval_train == EVALUATE_ALL ? json_string("all")
+                                                           : json_integer(values->eval_train));
     return config;
 }
 
@@ -301,16 +304,20 @@ static bool recall_output(const command_line *line, const char *config_path, con
     const json_t *list = json_object_get(stored, "save_at");
     const char *lpips = json_string_value(json_object_get(stored, "lpips")),
                *input = json_string_value(json_object_get(stored, "lpips_input"));
+    const json_t *eval_train = json_object_get(stored, "eval_train");
+    char *images = eval_train ? option_text(eval_train) : NULL;
     char *save_at = json_array_size(list) ? option_text(list) : NULL,
          *every = recorded_interval(stored);
     fail_usage_within(config_path);
     const bool filled = (!save_at || option_fill(line, "save-at", save_at)) &&
                         (!every || option_fill(line, "checkpoint-every", every)) &&
                         (!lpips || option_fill(line, "lpips", lpips)) &&
-                        (!lpips || !input || option_fill(line, "lpips-input", input));
+                        (!lpips || !input || option_fill(line, "lpips-input", input)) &&
+                        (!images || option_fill(line, "eval-train", images));
     fail_usage_within(NULL);
     free(save_at);
     free(every);
+    free(images);
     if (!filled || !lpips || values->lpips != lpips || file_exists(lpips))
         return filled;
     fail_run("%s: the LPIPS weights of the run, %s, do not exist; specify their file with "

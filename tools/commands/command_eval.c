@@ -5,6 +5,7 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
 
 #include "cli/commands.h"
@@ -158,8 +159,8 @@ static bool evaluate_on_ranks(evaluator *evaluation, sgs_split split, image_fold
     bool done = scores != NULL;
     if (!done)
         fail_run("not enough memory for the scores of %zu views", count);
-    done = group_all(done) &&
-           evaluate_views(evaluation, split, NULL, folder ? save_view : NULL, folder, scores);
+    done = group_all(done) && evaluate_views(evaluation, split, SIZE_MAX, NULL,
+                                             folder ? save_view : NULL, folder, scores);
     group_stop_requested(); // all ranks then end alike
     for (size_t v = 0; v < count && done; ++v)
         if (scores[v].is_scored)
@@ -269,7 +270,7 @@ static bool evaluate_all(evaluator *evaluation, const image_choice *images, cons
         done = evaluate_on_ranks(evaluation, split, save ? &folder : NULL, list, &sum);
     for (size_t v = 0; v < count && done && !interrupt_signal() && !group_ranks(); ++v)
         if (view_in_split(&views[v], split)) {
-            evaluate_prefetch(evaluation->scene, split, v + 1, 0);
+            evaluate_prefetch(evaluation->scene, split, v + 1);
             done = evaluate_one(evaluation, v, save ? &folder : NULL, list, &sum);
         }
     file_stems_free(stems, count);

@@ -497,12 +497,14 @@ static bool evaluate(training *run)
     const saved_evaluation input = {.output = run->values.output,
                                     .iterations = run->iterations,
                                     .scene = run->scene,
+                                    .train_most = (size_t)run->values.eval_train,
                                     .drawing = training_drawing(run),
                                     .has_exposure = run->values.options.exposure,
                                     .lpips = run->lpips,
                                     .lpips_input = (sgs_lpips_input)run->values.lpips_input};
     const bool done = evaluate_saved(&input, &run->test, &run->train);
-    if (done && !run->train.images) { // stopped; with --resume the evaluation is repeated
+    if (done &&
+        (run->test.is_stopped || run->train.is_stopped)) { // --resume repeats the evaluation
         run->stop = SGS_STOP_SIGNAL;
         free(run->stop_text);
         run->stop_text = format_text("%s", training_stop_text(run));

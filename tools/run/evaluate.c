@@ -268,57 +268,72 @@ void split_score_finish(split_score *sum)
                      sum->mean.lpips / images, sum->mean.seconds / images};
 }
 
-void evaluate_prefetch(const sgs_scene *scene, sgs_split split, size_t next, size_t first)
+void evaluate_prefetch(const sgs_scene *scene, sgs_split split, size_t next)
 {
-    const size_t count = (size_t)group_count(), ahead = sgs_scene_prefetch_count(scene);
-    size_t passed = 0, requested = 0;
-    for (size_t v = next; v < scene->view_count && requested < ahead; ++v) {
-        if (!view_in_split(&scene->views[v], split))
-            continue;
-        if (passed >= first && (passed - first) % count == 0) {
+    size_t left = sgs_scene_prefetch_count(scene);
+    for (size_t v = next; v < scene->view_count && left > 0; ++v)
+        if (view_in_split(&scene->views[v], split)) {
             sgs_scene_prefetch(scene, v);
-            ++requested;
+            --left;
         }
-        ++passed;
+}
+
+// Indices of the views to score.
+typedef struct view_choice {
+    size_t *views;
+    size_t count;
+} view_choice;
+
+// At most `most` views of the split, evenly spaced. False after printing the error.
+static bool choose_views(const sgs_scene *scene, sgs_split split, size_t most, view_choice *choice)
+{
+    *choice = (view_choice){.views = malloc((scene->view_count + 1) * sizeof *choice->views)};
+    if (!choice->views) {
+        fail_run("not enough memory for %zu views", scene->view_count);
+        return false;
     }
+    for (size_t v = 0; v < scene->view_count; ++v)
+        if (view_in_split(&scene->views[v], split))
+            choice->views[choice->count++] = v;
+    const size_t all = choice->count;
+    choice->count = all < most ? all : most;
+    for (size_t k = 0; k < choice->count; ++k)
+        choice->views[k] = choice->views[k * all / choice->count];
+    return true;
+}
+
+// Decodes the next photos of this rank in advance: every one from the k-th on, in steps of the
+// number of ranks.
+static void prefetch_photos(const sgs_scene *scene, const view_choice *choice, size_t k)
+{
+    const size_t ahead = sgs_scene_prefetch_count(scene);
+    for (size_t i = 0; i < ahead && k < choice->count; ++i, k += (size_t)group_count())
+        sgs_scene_prefetch(scene, choice->views[k]);
 }
 
 // Scores the views of this rank, with a model that every rank has.
-static bool score_own(evaluator *evaluation, sgs_split split, const char *label, evaluate_save save,
-                      void *context, rank_score *scores)
+static bool score_own(evaluator *evaluation, const view_choice *choice, const char *label,
+                      evaluate_save save, void *context, rank_score *scores)
 {
-    const size_t total = scene_split_count(evaluation->scene, split), count = (size_t)group_count();
-    size_t number = 0;
+    const size_t count = (size_t)group_count();
     bool done = true;
-    for (size_t v = 0; v < evaluation->scene->view_count; ++v) {
-        const sgs_view *view = &evaluation->scene->views[v];
-        if (!view_in_split(view, split))
-            continue;
-        const size_t i = number++;
+    for (size_t i = 0; i < choice->count; ++i) {
         if (i % count == 0 && !group_continues(i / count, GROUP_ROUNDS, done))
             break;
         if (i % count != (size_t)sgs_ranks_rank(group_ranks()) || !done || interrupt_signal())
             continue;
         if (label)
-            progress_count(label, i, total);
-        evaluate_prefetch(evaluation->scene, split, v + 1, count - 1);
+            progress_count(label, i, choice->count);
+        prefetch_photos(evaluation->scene, choice, i + count);
+        const size_t v = choice->views[i];
         view_images images = {0};
-        done = evaluate_view(evaluation, view, &scores[v].score, save ? &images : NULL);
+        done = evaluate_view(evaluation, &evaluation->scene->views[v], &scores[v].score,
+                             save ? &images : NULL);
         done = done && (!save || save(context, v, &images));
         view_images_free(&images);
         scores[v].is_scored = done;
     }
     return done;
-}
-
-// The next views of a split, one per rank; returns their number.
-static size_t next_views(const sgs_scene *scene, sgs_split split, size_t *next, size_t *views)
-{
-    size_t count = 0;
-    for (; *next < scene->view_count && count < (size_t)group_count(); ++*next)
-        if (view_in_split(&scene->views[*next], split))
-            views[count++] = *next;
-    return count;
 }
 
 // All ranks draw each of `count` views; rank i scores view i. Collective.
@@ -344,28 +359,20 @@ static bool score_round(evaluator *evaluation, const size_t *views, size_t count
 }
 
 // Scores views with a model that the ranks share. Collective.
-static bool score_together(evaluator *evaluation, sgs_split split, const char *label,
+static bool score_together(evaluator *evaluation, const view_choice *choice, const char *label,
                            rank_score *scores)
 {
-    const sgs_scene *scene = evaluation->scene;
-    const size_t total = scene_split_count(scene, split);
-    size_t *views = malloc((size_t)group_count() * sizeof *views);
-    size_t count = 1, next = 0, number = 0;
-    bool done = views != NULL;
-    if (!done)
-        fail_run("not enough memory for the views of %d ranks", group_count());
-    done = group_all(done);
-    while (done && count) {
+    const size_t ranks = (size_t)group_count();
+    bool done = true;
+    for (size_t first = 0; first < choice->count && done; first += ranks) {
         if (group_stop_requested())
             break;
         if (label)
-            progress_count(label, number, total);
-        count = next_views(scene, split, &next, views);
-        evaluate_prefetch(scene, split, next, (size_t)sgs_ranks_rank(group_ranks()));
-        done = !count || score_round(evaluation, views, count, scores);
-        number += count;
+            progress_count(label, first, choice->count);
+        const size_t left = choice->count - first, next = first + ranks;
+        prefetch_photos(evaluation->scene, choice, next + (size_t)sgs_ranks_rank(group_ranks()));
+        done = score_round(evaluation, choice->views + first, left < ranks ? left : ranks, scores);
     }
-    free(views);
     return done;
 }
 
@@ -387,38 +394,48 @@ static bool share_scores(size_t views, rank_score *scores)
     return done;
 }
 
-bool evaluate_views(evaluator *evaluation, sgs_split split, const char *label, evaluate_save save,
-                    void *context, rank_score *scores)
+bool evaluate_views(evaluator *evaluation, sgs_split split, size_t most, const char *label,
+                    evaluate_save save, void *context, rank_score *scores)
 {
-    const bool done = evaluation->rank_renderer
-                          ? score_together(evaluation, split, label, scores)
-                          : score_own(evaluation, split, label, save, context, scores);
-    progress_end();
-    return group_all(done) && share_scores(evaluation->scene->view_count, scores);
+    view_choice choice;
+    bool done = group_all(choose_views(evaluation->scene, split, most, &choice));
+    if (done) {
+        done = evaluation->rank_renderer
+                   ? score_together(evaluation, &choice, label, scores)
+                   : score_own(evaluation, &choice, label, save, context, scores);
+        progress_end();
+        done = group_all(done) && share_scores(evaluation->scene->view_count, scores);
+    }
+    free(choice.views);
+    return done;
 }
 
-bool evaluate_split(evaluator *evaluation, sgs_split split, split_score *score)
+bool evaluate_split(evaluator *evaluation, sgs_split split, size_t most, split_score *score)
 {
-    *score = (split_score){0};
-    split_score sum = {0};
     const sgs_scene *scene = evaluation->scene;
+    const size_t all = scene_split_count(scene, split), count = all < most ? all : most;
+    *score = (split_score){.views = count < all ? all : 0};
+    split_score sum = *score;
     rank_score *scores = calloc(scene->view_count + 1, sizeof *scores);
-    bool done = scores != NULL, complete = true;
+    bool done = scores != NULL;
     if (!done)
         fail_run("not enough memory for the scores of %zu views", scene->view_count);
-    done = group_all(done) && evaluate_views(evaluation, split,
+    done = group_all(done) && evaluate_views(evaluation, split, most,
                                              split == SGS_SPLIT_TEST ? "evaluating held-out images"
                                                                      : "evaluating training images",
                                              NULL, NULL, scores);
+    size_t scored = 0;
     for (size_t v = 0; v < scene->view_count && done; ++v)
-        if (view_in_split(&scene->views[v], split) && scores[v].is_scored)
+        if (scores[v].is_scored) {
             split_score_add(&sum, &scene->views[v], &scores[v].score);
-        else if (view_in_split(&scene->views[v], split))
-            complete = false; // a request to stop
+            ++scored;
+        }
     free(scores);
     split_score_finish(&sum);
-    if (done && complete)
+    if (done && scored == count)
         *score = sum;
+    else
+        score->is_stopped = done;
     return done;
 }
 
@@ -456,12 +473,14 @@ void split_score_print(const char *label, const split_score *score)
 {
     if (!score->images)
         return;
-    char sharpness[SHARPNESS_TEXT], lpips[32] = "";
+    char sharpness[SHARPNESS_TEXT], lpips[32] = "", of[32] = "";
     if (!isnan(score->mean.lpips))
         snprintf(lpips, sizeof lpips, ", LPIPS %.4f", score->mean.lpips);
-    printf(
-        "%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s%s (%zu images%s, %.3g s per image)\n",
-        label, score->mean.psnr, score->mean.ssim, score->mean.flip,
-        sharpness_format(sharpness, score->mean.sharpness, 0, 3), lpips, score->images,
-        score->identical ? ", some identical: 100 dB each" : "", score->mean.seconds);
+    if (score->views)
+        snprintf(of, sizeof of, " of %zu", score->views);
+    printf("%s PSNR %.2f dB, SSIM %.4f, FLIP %.4f, sharpness %s%s (%zu%s images%s, %.3g s per "
+           "image)\n",
+           label, score->mean.psnr, score->mean.ssim, score->mean.flip,
+           sharpness_format(sharpness, score->mean.sharpness, 0, 3), lpips, score->images, of,
+           score->identical ? ", some identical: 100 dB each" : "", score->mean.seconds);
 }

@@ -58,9 +58,9 @@ bool evaluate_view(evaluator *evaluation, const sgs_view *view, view_score *scor
                    view_images *images);
 void view_images_free(view_images *images);
 
-// Decodes the next photos of this rank in advance: of the views of the split from `next` on, the
-// ones that a pass over them in steps of the number of ranks reaches, `first` of them skipped.
-void evaluate_prefetch(const sgs_scene *scene, sgs_split split, size_t next, size_t first);
+// For one process: decodes the next photos in advance, those of the views of the split from `next`
+// on.
+void evaluate_prefetch(const sgs_scene *scene, sgs_split split, size_t next);
 
 // PSNR of an image that is identical to its photo in the mean of a split: the mean of an
 // infinite value would be infinite.
@@ -69,6 +69,8 @@ void evaluate_prefetch(const sgs_scene *scene, sgs_split split, size_t next, siz
 typedef struct split_score {
     size_t images, identical; // identical images are among `images`
     size_t sharp_images;      // images whose photo is not flat
+    size_t views;             // of the split, if not all of them were to be scored; else 0
+    bool is_stopped;          // by a request
     view_score mean;          // sharpness: over sharp_images
 } split_score;
 
@@ -83,15 +85,16 @@ typedef struct rank_score {
     bool is_scored;
 } rank_score;
 
-// Scores view i of the split on rank i modulo their number; all receive all scores. save: called
-// with the images of each own view, or NULL; NULL for a shared model. False after printing the
-// error. Collective.
+// Scores at most `most` views of the split, evenly spaced: the i-th of them on rank i modulo the
+// number of ranks; all receive all scores. save: called with the images of each own view, or NULL;
+// NULL for a shared model. False after printing the error. Collective.
 typedef bool (*evaluate_save)(void *context, size_t view, const view_images *images);
-bool evaluate_views(evaluator *evaluation, sgs_split split, const char *label, evaluate_save save,
-                    void *context, rank_score *scores);
+bool evaluate_views(evaluator *evaluation, sgs_split split, size_t most, const char *label,
+                    evaluate_save save, void *context, rank_score *scores);
 
-// Scores a split. A request to stop (interrupt.h) ends it early with images = 0.
-bool evaluate_split(evaluator *evaluation, sgs_split split, split_score *score);
+// Scores at most `most` views of a split, evenly spaced. A request to stop (interrupt.h) ends it
+// early with images = 0 and is_stopped. False after printing the error. Collective.
+bool evaluate_split(evaluator *evaluation, sgs_split split, size_t most, split_score *score);
 
 enum { SHARPNESS_TEXT = 32 };
 // The sharpness right-aligned in `width` columns, "-" if it is NaN. Returns `text`.

@@ -3,6 +3,7 @@
 
 #include "run/evaluate_saved.h"
 
+#include <stdint.h>
 #include <stdlib.h>
 
 #include "cli/output.h"
@@ -51,8 +52,8 @@ bool evaluate_saved(const saved_evaluation *input, split_score *test, split_scor
     evaluation.exposures = exposures;
     evaluation.lpips = input->lpips;
     evaluation.lpips_input = input->lpips_input;
-    done = done && evaluate_split(&evaluation, SGS_SPLIT_TEST, test) &&
-           evaluate_split(&evaluation, SGS_SPLIT_TRAIN, train);
+    done = done && evaluate_split(&evaluation, SGS_SPLIT_TEST, SIZE_MAX, test) &&
+           evaluate_split(&evaluation, SGS_SPLIT_TRAIN, input->train_most, train);
     evaluator_close(&evaluation);
     sgs_gaussians_destroy(model);
     json_decref(exposures);

@@ -11,11 +11,13 @@ typedef struct saved_evaluation {
     const char *output; // folder of the run
     int iterations;     // of the model
     const sgs_scene *scene;
+    size_t train_most; // training views to score, evenly spaced
     drawing_values drawing;
     bool has_exposure;
     const sgs_lpips *lpips;
     sgs_lpips_input lpips_input;
 } saved_evaluation;
 
-// Scores both splits. False after printing the error. Collective.
+// Scores the held-out views and the chosen training views. False after printing the error.
+// Collective.
 bool evaluate_saved(const saved_evaluation *input, split_score *test, split_score *train);

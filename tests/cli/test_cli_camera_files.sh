@@ -29,6 +29,13 @@ run 2 render "$model" --camera "$temporary/twos.chan" --size 16x12 --first-frame
 one_line
 reports "--first-frame has no effect on a .chan file, which numbers its frames"
 
+# frame_numbers_are_named_if_they_are_given_as_positions
+run 1 render "$model" --camera "$temporary/twos.chan" --size 16x12 --frames 1001-1003 -o "$temporary/none"
+one_line
+reports "--frames: 1001 is out of range; --frames counts from 0: choose from 0 to 2 for the frames numbered 1001 to 1007"
+run 1 render "$model" "$room" --orbit 4 --first-frame 11 --frames 11 --size 16x12 -o "$temporary/none"
+reports "--frames: 11 is out of range; --frames counts from 0: choose from 0 to 3 for the frames numbered 11 to 14"
+
 # usda_cameras_fit_usda_models: a primitive 0.7 right of, 0.4 above and 5 in front of a camera with f 80 x 100 and the
 # principal point 30, 26 is at 30 + 80 0.7 / 5 = 41.2, 26 - 100 0.4 / 5 = 18 in its image
 cat >"$temporary/seen.usda" <<'END'
@@ -213,15 +220,22 @@ fi
 # other_files_are_named_with_the_accepted_ones (text, binary and empty; and the files of a COLMAP model)
 printf 'Ogawa\377\0\0' >"$temporary/shot.abc"
 printf 'PXR-USDC' >"$temporary/shot.usdc"
+printf 'Kaydara FBX Binary' >"$temporary/shot.FBX"
 printf '<?xml version="1.0"?>\n<document/>\n' >"$temporary/cameras.xml"
 printf '# Bundle file v0.3\n1 1\n' >"$temporary/bundle.out"
 printf 'name,x,y\n' >"$temporary/cameras.csv"
 printf ' \n' >"$temporary/empty"
-for file in shot.abc shot.usdc cameras.xml bundle.out cameras.csv empty; do
+for file in shot.abc shot.FBX shot.usdc cameras.xml bundle.out cameras.csv empty; do
     run 1 render "$model" --camera "$temporary/$file" --aov rgba -o "$temporary/none"
     one_line
     reports "/$file: contains no cameras of a known format; cameras are read from cameras.json, transforms.json, .chan,"
+    [[ $file != shot.* ]] || reports "; export the camera as a .chan file"
 done
+# a camera path that was saved before its frames were made
+echo '{"keyframes": [{"fov": 50}], "camera_path": [], "render_width": 64, "render_height": 48}' >"$temporary/keys.json"
+run 1 render "$model" --camera "$temporary/keys.json" -o "$temporary/none"
+one_line
+reports "keys.json: has key frames, but no camera_path; generate the camera path in the viewer of nerfstudio and export it again"
 for file in "$room"/sparse/0/{cameras,images,points3D}.bin "$temporary"/fov/sparse/0/{cameras,images}.txt; do
     run 1 render "$model" --camera "$file" --aov rgba -o "$temporary/none"
     one_line

@@ -288,6 +288,17 @@ static bool is_colmap(const char *path)
     return false;
 }
 
+// True for files of 3D programs, which can also export .chan.
+static bool is_of_3d_program(const char *path)
+{
+    static const char *const endings[] = {".abc", ".fbx", ".usd", ".usda", ".usdc", ".usdz"};
+    const char *ending = strrchr(path, '.');
+    for (size_t k = 0; ending && k < sizeof endings / sizeof *endings; ++k)
+        if (!strcasecmp(ending, endings[k]))
+            return true;
+    return false;
+}
+
 // Returns false.
 static bool fail_format(const char *path)
 {
@@ -296,9 +307,16 @@ static bool fail_format(const char *path)
     else
         fail_run("%s: contains no cameras of a known format; cameras are read from cameras.json, "
                  "transforms.json, .chan, the camera path of nerfstudio's viewer and the folder of "
-                 "a COLMAP model",
-                 path);
+                 "a COLMAP model%s",
+                 path, is_of_3d_program(path) ? "; export the camera as a .chan file" : "");
     return false;
+}
+
+// The viewer of nerfstudio saves the frames between key frames only once the path is made.
+static bool has_only_key_frames(const json_t *root)
+{
+    return json_array_size(json_object_get(root, "keyframes")) &&
+           !json_array_size(json_object_get(root, "camera_path"));
 }
 
 bool camera_file_read(const char *path, int first, camera_list *list)
@@ -310,6 +328,13 @@ bool camera_file_read(const char *path, int first, camera_list *list)
     if (!root)
         return false;
     const json_t *frames = json_object_get(root, "camera_path");
+    if (has_only_key_frames(root)) {
+        json_decref(root);
+        fail_run("%s: has key frames, but no camera_path; generate the camera path in the viewer "
+                 "of nerfstudio and export it again",
+                 path);
+        return false;
+    }
     if (!frames && is_foreign(root)) {
         json_decref(root);
         return fail_format(path);

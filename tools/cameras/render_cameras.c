@@ -244,23 +244,40 @@ static void reshape(const camera_choice *choice, named_camera *view)
         *camera = sized_camera(view, choice->width, choice->height);
 }
 
-static bool frames_exist(const frame_range *range, size_t count)
+// Returns false. Names the frame numbers of cameras that have others than their positions.
+static bool fail_frames(int first, const camera_list *list)
 {
-    if (range->step && (size_t)range->first >= count) {
-        fail_run("--frames: %d is out of range; choose from the frames 0 to %zu", range->first,
-                 count - 1);
-        return false;
+    const size_t last = list->count - 1;
+    int low = list->has_frames ? list->cameras[0].frame : list->first,
+        high = list->has_frames ? low : low + (int)last;
+    for (size_t i = 0; list->has_frames && i <= last; ++i) {
+        const int frame = list->cameras[i].frame;
+        low = frame < low ? frame : low;
+        high = frame > high ? frame : high;
     }
-    if (range->step && (size_t)range->last >= count)
+    if (low || high != (int)last)
+        fail_run("--frames: %d is out of range; --frames counts from 0: choose from 0 to %zu for "
+                 "the frames numbered %d to %d",
+                 first, last, low, high);
+    else
+        fail_run("--frames: %d is out of range; choose from the frames 0 to %zu", first, last);
+    return false;
+}
+
+static bool frames_exist(const frame_range *range, const camera_list *list)
+{
+    if (range->step && (size_t)range->first >= list->count)
+        return fail_frames(range->first, list);
+    if (range->step && (size_t)range->last >= list->count)
         print_warning("--frames: %d is out of range; the last frame is %zu", range->last,
-                      count - 1);
+                      list->count - 1);
     return true;
 }
 
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
     *list = (camera_list){0};
-    if (!source_cameras(choice, scene, list) || !frames_exist(&choice->frames, list->count)) {
+    if (!source_cameras(choice, scene, list) || !frames_exist(&choice->frames, list)) {
         camera_list_free(list);
         return false;
     }

@@ -172,6 +172,33 @@ camera_is "$saved" 45 45 41 20
 odd "$temporary/odd" --downscale 4 --size 60x82
 camera_is "$saved" 90 90 32 40
 
+# a_view_without_distortion_fits_its_cameras: focal lengths and principal point of the photo, and positions that project to
+# their pixels by cameras.json and by worldToNDC, whose last row is the depth
+run 0 render "$model" "$room" --downscale 8 --view 0009 --aov rgba --save-cameras json -o "$temporary/lens"
+json "$temporary/lens/cameras.json" '.[0].camera_model as $model | .[0].params[4:] | any(. != 0) and ($model != "PINHOLE")'
+run 0 render "$model" "$room" --downscale 8 --view 0009 --path-lens pinhole --aov rgba,position --save-cameras json,usda \
+    -o "$temporary/pinhole"
+check no_distortion_is_omitted bash -c "! grep distortion '$temporary/stderr'"
+json "$temporary/pinhole/cameras.json" ".[0] | .camera_model == \"PINHOLE\" and [(.fx, .fy, .cx, .cy, .width, .height), .position] ==
+    $(jq -c '.[0] | [(.fx, .fy, .cx, .cy, .width, .height), .position]' "$temporary/lens/cameras.json")"
+jq -r '.[0] | [.fx, .fy, .cx, .cy, .width, .height, .position[], .rotation[][]] | @tsv' "$temporary/pinhole/cameras.json" >"$temporary/sheet"
+oiiotool --info -v "$temporary/pinhole/0009.exr" | sed -n 's/.*worldToNDC: //p' | tr ',' ' ' >>"$temporary/sheet"
+oiiotool --dumpdata "$temporary/pinhole/0009.exr" | sed -n 's/.*Pixel (\([0-9]*\), \([0-9]*\)): /\1 \2 /p' |
+    awk '$6 > 0.3 { print $1, $2, $7, $8, $9 }' >"$temporary/points"
+check positions_project_to_their_pixels awk '
+    function off(x) { return x < 0 ? -x : x }
+    FNR == NR && FNR == 1 { for (i = 1; i <= NF; ++i) c[i] = $i; next }
+    FNR == NR { for (i = 1; i <= NF; ++i) m[i] = $i; next }
+    {
+        for (k = 0; k < 3; ++k) p[k] = ($3 - c[7]) * c[10 + k] + ($4 - c[8]) * c[13 + k] + ($5 - c[9]) * c[16 + k]
+        for (k = 1; k <= 4; ++k) q[k] = $3 * m[k] + $4 * m[4 + k] + $5 * m[8 + k] + m[12 + k]
+        error = off(c[1] * p[0] / p[2] + c[3] - $1 - 0.5) + off(c[2] * p[1] / p[2] + c[4] - $2 - 0.5)
+        error += off(c[5] * q[1] / q[4] - $1 - 0.5) + off(c[6] * q[2] / q[4] - $2 - 0.5)
+        if (!(error < 2e-3)) ++bad
+        ++n
+    }
+    END { print n, "points,", bad + 0, "off"; exit !(n > 500 && !bad) }' "$temporary/sheet" "$temporary/points"
+
 # models_have_perspective_cameras_only: view 2 is a pinhole, the others are a fisheye lens and a panorama
 colmap_model "$temporary/mixed" "OPENCV_FISHEYE 60 40 30 30 30 20 0 0 0 0"
 printf '2 PINHOLE 60 40 45 45 30 20\n3 EQUIRECTANGULAR 60 30 60 30\n' >>"$temporary/mixed/sparse/0/cameras.txt"
@@ -188,6 +215,13 @@ reports "2 camera(s) with a fisheye lens or a panorama are omitted, and the page
 check the_page_has_the_pinhole test "$(page_views "$temporary/mixed.html")" = '2.jpg 45'
 run 0 view "$model" "$temporary/mixed" --export "$temporary/mixed.html"
 check the_page_of_view_has_the_pinhole test "$(page_views "$temporary/mixed.html")" = '2.jpg 45'
+for view in 1 2; do
+    run 0 render "$model" "$temporary/mixed" --view $view --path-lens pinhole --aov rgba --save-cameras chan,json -o "$temporary/flat"
+    json "$temporary/flat/cameras.json" '.[0].camera_model == "PINHOLE"'
+done
+run 1 render "$model" "$temporary/mixed" --view 3 --path-lens pinhole --aov rgba -o "$temporary/none"
+reports "3.jpg: is a panorama, which --path-lens pinhole cannot show; omit the option"
+one_line
 sed -i '/PINHOLE/d' "$temporary/mixed/sparse/0/cameras.txt" && sed -i 's/ 2 2.jpg/ 1 2.jpg/' "$temporary/mixed/sparse/0/images.txt"
 run 0 convert "$model" "$temporary/mixed.html" "$temporary/mixed"
 reports "3 camera(s) with a fisheye lens or a panorama are omitted, and the page begins in front of the model"

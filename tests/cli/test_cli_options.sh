@@ -61,7 +61,7 @@ merge: output seam-images seam-reference overwrite images downscale eval test-ev
 merge: alpha image-cache input-colorspace train-space white threads isa json quiet
 eval: split save run lpips filter compact-box background near images downscale eval test-every test-images masks invert-masks
 eval: alpha image-cache input-colorspace train-space white threads isa json quiet
-render: output run video view split camera orbit spiral frames size projection deep reference filter
+render: output run video view split camera orbit spiral path-lens frames size projection deep reference filter
 render: compact-box background near images downscale eval test-every test-images masks invert-masks alpha image-cache
 render: input-colorspace train-space white threads isa json quiet
 view: run port address token export filter compact-box background near images downscale eval test-every test-images masks

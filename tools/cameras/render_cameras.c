@@ -9,6 +9,7 @@
 
 #include "cameras/camera_path.h"
 #include "cameras/chan_file.h"
+#include "cameras/lens_scale.h"
 #include "cli/file_stems.h"
 #include "cli/options.h"
 #include "cli/output.h"
@@ -274,10 +275,35 @@ static bool frames_exist(const frame_range *range, const camera_list *list)
     return true;
 }
 
+static sgs_camera pinhole_of(const sgs_camera *camera)
+{
+    sgs_camera out = {
+        .model = SGS_CAMERA_PINHOLE, .width = camera->width, .height = camera->height};
+    camera_paraxial(camera, &out.params[0], &out.params[1], &out.params[2], &out.params[3]);
+    return out;
+}
+
+// False after printing the error.
+static bool undistort(named_camera *view)
+{
+    if (view->camera.model == SGS_CAMERA_EQUIRECTANGULAR) {
+        fail_run("%s: is a panorama, which --path-lens pinhole cannot show; omit the option",
+                 view->name);
+        return false;
+    }
+    view->camera = pinhole_of(&view->camera);
+    if (view->file_camera.width > 0)
+        view->file_camera = pinhole_of(&view->file_camera);
+    return true;
+}
+
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
     *list = (camera_list){0};
-    if (!source_cameras(choice, scene, list) || !frames_exist(&choice->frames, list)) {
+    bool done = source_cameras(choice, scene, list) && frames_exist(&choice->frames, list);
+    for (size_t i = 0; i < list->count && done && choice->pinhole; ++i)
+        done = undistort(&list->cameras[i]);
+    if (!done) {
         camera_list_free(list);
         return false;
     }

@@ -21,6 +21,7 @@ typedef struct camera_choice {
     int orbit, spiral;  // frames, 0 = none
     double arc;         // of an orbit, degrees; 0 = as photographed
     bool keep_lens;     // paths keep the distortion of the first view
+    bool pinhole;       // of all views: without distortion
     frame_range frames; // counted from 0
     int first_frame;    // number of the first camera as a frame
     int width, height;  // 0 = the camera's own

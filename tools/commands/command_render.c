@@ -36,7 +36,7 @@ static const char description[] =
     "--exr-encoding srgb is given. PNGs and videos are composited over the background. Under "
     "mpirun or srun, the views are distributed over the processes, and rank 0 encodes the video.";
 
-enum { FORMAT_EXR = 0, DEPTH_Z = 1, BLUR_SAMPLES = 64, DEFAULT_FPS = 30 };
+enum { FORMAT_EXR = 0, DEPTH_Z = 1, LENS_PINHOLE = 0, BLUR_SAMPLES = 64, DEFAULT_FPS = 30 };
 static const sgs_split splits[] = {SGS_SPLIT_TEST, SGS_SPLIT_TRAIN, SGS_SPLIT_ALL};
 
 // "NEAR:FAR" with 0 <= NEAR < FAR.
@@ -406,7 +406,9 @@ static int check_values(const command_line *line, const render_values *values,
                               .spiral = values->spiral,
                               .arc = values->arc,
                               .first_frame = values->first_frame,
-                              .keep_lens = values->path_lens != 0,
+                              .keep_lens = values->path_lens != LENS_PINHOLE,
+                              .pinhole = option_given(line, "path-lens") &&
+                                         values->path_lens == LENS_PINHOLE,
                               .projection = values->projection};
     const int paths =
         (values->orbit > 0) + (values->spiral > 0) + (values->view != NULL) + choice->split_given;

@@ -91,8 +91,9 @@ const option render_options[RENDER_OPTIONS] = {
      .offset = AT(path_lens),
      .argument = "pinhole|view",
      .initial = "pinhole",
-     .needs = "orbit|spiral",
-     .help = "lens of the path: pinhole without distortion, or the lens of the first view"},
+     .shown = "pinhole with --orbit or --spiral, else view",
+     .help = "a pinhole, which omits the distortion of the views and fits .chan and .usda, or the "
+             "lens of the view; paths have the lens of the first view"},
     {.name = "first-frame",
      .kind = OPTION_INTEGER,
      .offset = AT(first_frame),

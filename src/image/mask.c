@@ -172,7 +172,7 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bo
 {
     sgs_image8 mask;
     *excludes = false;
-    sgs_status status = sgsi_image_check_complete(file->path);
+    sgs_status status = sgsi_image_check_complete(file->path, true);
     if (!status)
         status = sgsi_oiio_read(file->path, true, &mask);
     if (status)

@@ -5,8 +5,10 @@
 //     COLMAP       sparse/N, sparse, colmap/sparse/N, colmap/sparse, N, the folder itself
 //     transforms   transforms_train.json (NeRF synthetic), transforms.json (nerfstudio), or a path
 //                  to such a file
-// The mapper writes a COLMAP model per connected component (sparse/0, sparse/1, ...); the one with
-// the most registered images is used.
+// A COLMAP model precedes a transforms file, except below `colmap`: there, nerfstudio keeps the
+// model that its transforms.json was made from, without the split, masks and axes of that file. The
+// mapper writes a COLMAP model per connected component (sparse/0, sparse/1, ...); the one with the
+// most registered images is used.
 
 #include "scene/scene_find.h"
 
@@ -167,7 +169,8 @@ static sgs_status find_images(const char *path, const char *images_dir, bool mod
 
 // Folders of models below the scene, in the order of the search.
 enum { BASES = 3 };
-static const char *const model_bases[BASES] = {"/sparse", "/colmap/sparse", ""};
+#define NERFSTUDIO_BASE "/colmap/sparse"
+static const char *const model_bases[BASES] = {"/sparse", NERFSTUDIO_BASE, ""};
 
 // Reports an incompletely copied model; otherwise that no scene was found.
 static sgs_status report_missing(const char *path)
@@ -206,26 +209,22 @@ static sgs_status report_missing(const char *path)
         path);
 }
 
-static sgs_status find_transforms(const char *path, sgsi_scene_files *files)
+// The transforms file of the folder; *found is NULL without one.
+static sgs_status find_json(const char *path, char **found)
 {
     static const char *const names[] = {"transforms_train.json", "transforms.json"};
-    for (size_t i = 0; i < 2 && !files->model_path; ++i) {
+    sgs_status status = SGS_STATUS_OK;
+    *found = NULL;
+    for (size_t i = 0; i < 2 && !*found && !status; ++i) {
+        bool present = false;
         char *candidate = sgsi_format("%s/%s", path, names[i]);
-        if (!candidate)
-            return no_memory(path);
-        bool found;
-        const sgs_status status = sgsi_find_file(candidate, &found);
-        if (found)
-            files->model_path = candidate;
+        status = candidate ? sgsi_find_file(candidate, &present) : no_memory(path);
+        if (present)
+            *found = candidate;
         else
             sgsi_free(candidate);
-        if (status)
-            return status;
     }
-    if (!files->model_path)
-        return report_missing(path);
-    files->image_folder = sgsi_strdup(path);
-    return files->image_folder ? SGS_STATUS_OK : no_memory(path);
+    return status;
 }
 
 static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
@@ -245,6 +244,26 @@ static sgs_status find_in_file(const char *path, sgsi_scene_files *files)
     return files->model_path && files->image_folder ? SGS_STATUS_OK : no_memory(path);
 }
 
+// Uses the transforms file of the folder, if any, unless a model in `base` takes precedence.
+static sgs_status choose_json(const char *path, const char *base, sgsi_scene_files *files)
+{
+    char *json;
+    const bool model_first = files->model_path && strcmp(base, NERFSTUDIO_BASE) != 0;
+    const sgs_status status = find_json(path, &json);
+    if (model_first && json)
+        sgsi_warn("%s: ignored, because the COLMAP model %s is used; to use this file, with its "
+                  "split and masks, specify its path",
+                  json, files->model_path);
+    if (!model_first && json) {
+        sgsi_free(files->model_path);
+        files->model_path = json;
+        files->image_folder = sgsi_strdup(path);
+        return files->image_folder ? SGS_STATUS_OK : no_memory(path);
+    }
+    sgsi_free(json);
+    return model_first && status != SGS_STATUS_OUT_OF_MEMORY ? SGS_STATUS_OK : status;
+}
+
 static sgs_status find_in_folder(const char *path, const char *images_dir, sgsi_scene_files *files)
 {
     size_t i = 0;
@@ -255,10 +274,13 @@ static sgs_status find_in_folder(const char *path, const char *images_dir, sgsi_
         if (status)
             return status;
     }
+    const sgs_status status = choose_json(path, model_bases[i - 1], files);
+    if (status || files->image_folder)
+        return status;
     if (!files->model_path)
-        return find_transforms(path, files);
+        return report_missing(path);
     files->colmap = true;
-    return find_images(path, images_dir, i == 3, files);
+    return find_images(path, images_dir, i == BASES, files);
 }
 
 sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_files *files)

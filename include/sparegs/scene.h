@@ -180,9 +180,11 @@ typedef struct sgs_scene {
 // relative path, the working directory must then be the same.
 //
 // Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
-// MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the channels >= 128; all
-// but 0 if none is) is valid. Last, instant-ngp's dynamic_mask_STEM.png next to the photo: black is
-// valid. A pixel of a down-scaled photo is valid if its whole area is.
+// MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the colours times alpha
+// >= 128; all but 0 if none is) is valid; alpha alone decides, with a warning, if it varies and the
+// visible colours have neither two values, as in a mask, nor are white. Last, instant-ngp's
+// dynamic_mask_STEM.png next to the photo: black is valid. A pixel of a down-scaled photo is valid
+// if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
 // is missing or not accessible, or no image is readable), FORMAT (invalid file, no lens with a ray,

@@ -154,13 +154,46 @@ static int whiteness(const sgs_image8 *mask, size_t at, size_t plane)
     return scaled && scaled < 3 * 255 ? 1 : scaled / (3 * 255);
 }
 
+static int opacity(const sgs_image8 *mask, size_t at, size_t plane)
+{
+    return mask->pixels[3 * plane + at];
+}
+
+// True for a cut-out, whose mask is the alpha channel: the colours that are not transparent are
+// those of a photo, or one other than white. The colours of a mask have two values, except for some
+// at its edges.
+static bool is_cutout(const sgs_image8 *mask, size_t plane)
+{
+    size_t counts[256] = {0}, visible = 0, between = 0;
+    int least = 255, most = 0, low = 255, high = 0;
+    for (size_t at = 0; mask->channels == 4 && at < plane; ++at) {
+        const int alpha = opacity(mask, at, plane);
+        least = alpha < least ? alpha : least;
+        most = alpha > most ? alpha : most;
+        visible += alpha > 0;
+        counts[(mask->pixels[at] + mask->pixels[plane + at] + mask->pixels[2 * plane + at]) / 3] +=
+            alpha > 0;
+    }
+    for (int value = 0; value < 256; ++value)
+        if (counts[value]) {
+            low = value < low ? value : low;
+            high = value;
+        }
+    const int margin = (high - low) / 16;
+    for (int value = low + margin + 1; value < high - margin; ++value)
+        between += counts[value];
+    return least < most && (low == high ? low < 255 : between > visible / 10);
+}
+
+typedef int (*pixel_value)(const sgs_image8 *mask, size_t at, size_t plane);
+
 // The lowest valid value. Masks of 0 and 1, or of labels, are read as COLMAP does: all but 0 is
 // valid.
-static int lowest_valid(const sgs_image8 *mask, size_t plane)
+static int lowest_valid(const sgs_image8 *mask, size_t plane, pixel_value value_of)
 {
     bool all_zero = true;
     for (size_t at = 0; at < plane; ++at) {
-        const int value = whiteness(mask, at, plane);
+        const int value = value_of(mask, at, plane);
         if (value >= 128)
             return 128;
         all_zero = all_zero && !value;
@@ -168,10 +201,10 @@ static int lowest_valid(const sgs_image8 *mask, size_t plane)
     return all_zero ? 128 : 1;
 }
 
-sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bool *excludes)
+sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, sgsi_mask_use *use)
 {
     sgs_image8 mask;
-    *excludes = false;
+    *use = (sgsi_mask_use){0};
     sgs_status status = sgsi_image_check_complete(file->path, true);
     if (!status)
         status = sgsi_oiio_read(file->path, true, &mask);
@@ -187,15 +220,19 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bo
     if (!status)
         status = sgsi_mask_begin(photo);
     const size_t plane = (size_t)mask.width * (size_t)mask.height;
-    const int lowest = status ? 0 : file->dynamic ? 1 : lowest_valid(&mask, plane);
-    int (*const value)(const sgs_image8 *, size_t, size_t) = file->dynamic ? brightness : whiteness;
+    use->by_alpha = !status && !file->dynamic && is_cutout(&mask, plane);
+    const pixel_value value = file->dynamic ? brightness : use->by_alpha ? opacity : whiteness;
+    const int lowest = status ? 0 : file->dynamic ? 1 : lowest_valid(&mask, plane, value);
     const bool drops_white = file->invert != file->dynamic;
+    size_t dropped = 0;
     for (size_t at = 0; !status && at < plane; ++at)
         if ((value(&mask, at, plane) >= lowest) == drops_white) {
             sgsi_mask_drop(photo, mask.width, mask.height, (int)(at % (size_t)mask.width),
                            (int)(at / (size_t)mask.width));
-            *excludes = true;
+            ++dropped;
         }
+    use->excludes = dropped > 0;
+    use->excludes_all = dropped == plane;
     sgs_image8_free(&mask);
     return status;
 }

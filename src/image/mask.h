@@ -30,10 +30,18 @@ typedef struct sgsi_mask_file {
     bool dynamic; // of instant-ngp: all but black is excluded, or with `invert` valid
 } sgsi_mask_file;
 
-// Clears the pixels that a mask file excludes; *excludes: there are any. White is valid: values of
-// at least 128, or all except 0 in a file whose largest value is less than 128. Fails with FORMAT
-// for another size.
-sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, bool *excludes);
+// What a mask file does.
+typedef struct sgsi_mask_use {
+    bool excludes;     // a pixel at least
+    bool excludes_all; // of its pixels
+    bool by_alpha;     // through its alpha channel alone
+} sgsi_mask_use;
+
+// Clears the pixels that a mask file excludes. White is valid: values of at least 128, or all
+// except 0 in a file whose largest value is less than 128. The value is the mean of the colours
+// times alpha, or alpha alone if it varies and the colours are not those of a mask: they have more
+// than two values, or one other than white. Fails with FORMAT for another size.
+sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, sgsi_mask_use *use);
 
 // Clears the pixels that overlap source pixel (x, y) of a width x height image. Requires a mask.
 void sgsi_mask_drop(sgs_photo *photo, int width, int height, int x, int y);

@@ -400,7 +400,7 @@ static sgs_status load(const sgsi_photo_source *source, sgs_photo *photo, sgsi_p
         const sgsi_mask_file mask = {source->mask_path,   source->image_path,
                                      source->file_width,  source->file_height,
                                      source->invert_mask, source->dynamic_mask};
-        status = sgsi_mask_apply_file(photo, &mask, &report->mask_excludes);
+        status = sgsi_mask_apply_file(photo, &mask, &report->mask);
         report->mask_failed = status != SGS_STATUS_OK;
     }
     if (!status)

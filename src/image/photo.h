@@ -10,6 +10,7 @@
 
 #include "image/decode_limit.h"
 #include "image/image_oiio.h"
+#include "image/mask.h"
 #include "sparegs/scene.h"
 
 typedef struct sgsi_photo_source {
@@ -31,7 +32,7 @@ typedef struct sgsi_photo_source {
 // Further results of a load.
 typedef struct sgsi_photo_report {
     bool mask_failed;        // the error concerns the mask, not the photo
-    bool mask_excludes;      // the mask file excludes at least one pixel
+    sgsi_mask_use mask;      // of the mask file
     size_t pixels_nonfinite; // pixels of the file with an infinite or NaN channel
 } sgsi_photo_report;
 

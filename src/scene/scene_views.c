@@ -158,6 +158,8 @@ sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
 typedef struct view_tally {
     size_t masked_out, masked_files, broken, mismatched; // masked_files: of masked_out, by a file
     size_t rayless;                                      // views whose lens has no ray
+    size_t emptied;      // of masked_files: masks without a valid pixel
+    char *first_emptied; // its path, or NULL without memory
     size_t lens_warnings;
     const char *first_mismatched; // name
     bool downscaled;
@@ -230,6 +232,8 @@ static bool is_usable(sgsi_scene_loader *l, size_t i, view_tally *tally)
             sgsi_warn("%s: mask excludes every pixel; the view is skipped",
                       view->mask_path ? view->mask_path : view->image_path);
         tally->masked_files += view->mask_path != NULL;
+        if (s->report.mask.excludes_all && tally->emptied++ == 0)
+            tally->first_emptied = sgsi_strdup(view->mask_path);
         return false;
     }
     return true;
@@ -261,13 +265,29 @@ static void warn_of_inversion(const sgsi_scene_loader *l)
         if (l->scene->views[i].mask_path && !l->slots[i].status && !l->slots[i].dropped) {
             ++masks;
             dynamic += l->slots[i].dynamic_mask;
-            excluding += l->slots[i].report.mask_excludes;
+            excluding += l->slots[i].report.mask.excludes;
         }
     if (l->options->invert_masks && l->options->load_images && masks && !excluding)
         sgsi_warn("%s: with option invert_masks, no mask excludes a pixel; are the masks empty? "
                   "%s is valid without this option, %s with it",
                   l->scene->path, dynamic == masks ? "Black" : "White",
                   dynamic == masks ? "white" : "black");
+}
+
+// Warns once of masks whose alpha channel counts instead of their colours.
+static void warn_of_cutouts(const sgsi_scene_loader *l)
+{
+    size_t found = 0, first = 0;
+    for (size_t i = 0; i < l->scene->view_count; ++i)
+        if (l->slots[i].report.mask.by_alpha && found++ == 0)
+            first = i;
+    char others[64] = "";
+    if (found > 1)
+        snprintf(others, sizeof others, " (and of %zu other masks)", found - 1);
+    if (found)
+        sgsi_warn("%s: the alpha channel%s is used as the mask, because the colours are not those "
+                  "of a mask",
+                  l->scene->views[first].mask_path, others);
 }
 
 static bool has_camera_aspect(const sgsi_scene_loader *l, size_t i)
@@ -315,6 +335,11 @@ static sgs_status report_no_views(const sgsi_scene_loader *l, size_t count, cons
             SGS_STATUS_FORMAT,
             "%s: the lens has no ray for any pixel of %zu image(s); check " LENS_FIELDS,
             scene->model_path, tally->rayless);
+    if (tally->emptied && tally->emptied == tally->masked_out)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "%s: masks exclude every pixel of every image, %s for example; correct "
+                         "them, or ignore masks with option masks_dir none",
+                         scene->path, tally->first_emptied ? tally->first_emptied : "the first");
     if (tally->masked_out)
         return sgsi_fail(
             SGS_STATUS_INVALID_ARGUMENT,
@@ -355,11 +380,12 @@ sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l)
     sgs_scene *scene = l->scene;
     const size_t count = scene->view_count;
     view_tally tally = {0};
-    const sgs_status status = check_fatal(l);
+    sgs_status status = check_fatal(l);
     if (status)
         return status;
     warn_of_notes(l);
     warn_of_inversion(l);
+    warn_of_cutouts(l);
     size_t kept = 0;
     for (size_t i = 0; i < count; ++i) {
         if (is_usable(l, i, &tally))
@@ -372,9 +398,11 @@ sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l)
         sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path,
                   scene->images_missing, count);
     if (!kept)
-        return report_no_views(l, count, &tally);
-    warn_about_views(l, &tally);
-    return SGS_STATUS_OK;
+        status = report_no_views(l, count, &tally);
+    else
+        warn_about_views(l, &tally);
+    sgsi_free(tally.first_emptied);
+    return status;
 }
 
 sgs_status sgsi_loader_mark_dropped(sgsi_scene_loader *l)

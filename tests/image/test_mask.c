@@ -369,7 +369,98 @@ static void views_without_valid_pixels_are_skipped(void **state)
     put_mask(&folder, "masks/sub/c.png", 1, 0, 0, WIDTH, HEIGHT);
     put_mask(&folder, "masks/d with blanks.png", 1, 0, 0, WIDTH, HEIGHT);
     assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_INVALID_ARGUMENT);
-    assert_holds(sgs_last_error(), "option invert_masks");
+    assert_holds(sgs_last_error(), "masks exclude every pixel of every image, ");
+    assert_holds(sgs_last_error(), "masks/a.png for example; correct them, or ignore masks with");
+    assert_null(strstr(sgs_last_error(), "invert_masks")); // everything would be valid then
+    tree_remove(&folder);
+}
+
+// A downscaled pixel that a mask excludes partly is invalid: here all are, of any polarity.
+static void masks_that_are_not_black_may_be_inverted(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.downscale = 64;
+    put_mask(&folder, "masks/a.png", 1, 1, 1, 60, 40);
+    put_mask(&folder, "masks/b.png", 1, 1, 1, 60, 40);
+    put_mask(&folder, "masks/sub/c.png", 1, 1, 1, 60, 40);
+    put_mask(&folder, "masks/d with blanks.png", 1, 1, 1, 60, 40);
+    sgs_scene *scene;
+    assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_INVALID_ARGUMENT);
+    assert_holds(sgs_last_error(), "every image; masks inverted? (option invert_masks)");
+    bad_input();
+    tree_remove(&folder);
+}
+
+enum { CUTOUT_PHOTO, CUTOUT_BLACK, CUTOUT_WHITE, CUTOUT_MASK };
+
+// An RGBA file whose alpha is 255 outside of [8, 24) x [8, 16) and `inside` in it. Its colours are
+// noise between dark and bright, black, white, or black in [40, 50) x [30, 40) and else white.
+static void put_cutout(const temp_folder *folder, const char *name, int colors, int inside)
+{
+    static uint8_t pixels[4 * WIDTH * HEIGHT];
+    const int plane = WIDTH * HEIGHT;
+    sgs_image8 image = {.width = WIDTH, .height = HEIGHT, .channels = 4, .pixels = pixels};
+    for (int at = 0; at < plane; ++at) {
+        const int x = at % WIDTH, y = at / WIDTH;
+        const bool hole = x >= 40 && x < 50 && y >= 30 && y < 40;
+        const int noise[3] = {(7 * x + 31 * y) % 200, (11 * x + 3 * y) % 90, (5 * x + y) % 256};
+        for (int c = 0; c < 3; ++c)
+            pixels[c * plane + at] =
+                (uint8_t)(colors == CUTOUT_PHOTO  ? noise[c]
+                          : colors == CUTOUT_MASK ? (hole ? 0 : 255)
+                                                  : 255 * (colors == CUTOUT_WHITE));
+        pixels[3 * plane + at] = (uint8_t)(x >= 8 && x < 24 && y >= 8 && y < 16 ? inside : 255);
+    }
+    tree_put(folder, name, "", 0);
+    assert_int_equal(sgs_png_write(temp_path(folder, name), &image), SGS_STATUS_OK);
+}
+
+// Cut-outs of programs for matting have the photo, or black, in their colours.
+static void cutouts_mask_by_their_alpha_channel(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_cutout(&folder, "masks/a.png", CUTOUT_PHOTO, 0);
+    put_cutout(&folder, "masks/b.png", CUTOUT_BLACK, 0);
+    put_cutout(&folder, "masks/sub/c.png", CUTOUT_PHOTO, 100);
+    put_cutout(&folder, "masks/d with blanks.png", CUTOUT_WHITE, 0);
+    sgs_scene_options options = sgs_scene_options_default();
+    for (int invert = 0; invert < 2; ++invert) {
+        options.invert_masks = invert;
+        options.image_cache = invert; // the photos are decoded again when they are used
+        warnings[0] = 0;
+        sgs_scene *scene = load(&folder, &options);
+        for (size_t i = 0; i < 4; ++i) {
+            const sgs_photo *photo;
+            assert_int_equal(sgs_scene_photo(scene, i, &photo), SGS_STATUS_OK);
+            assert_hole(photo, 8, 8, 24, 16, invert);
+        }
+        assert_holds(warnings, "/masks/a.png: the alpha channel (and of 2 other masks) is used as "
+                               "the mask, because the colours are not those of a mask\n");
+        assert_int_equal(strlen(strchr(warnings, '\n')), 1); // once
+        sgs_scene_destroy(scene);
+    }
+    tree_remove(&folder);
+}
+
+static void colours_of_masks_are_multiplied_by_alpha(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    put_cutout(&folder, "masks/a.png", CUTOUT_MASK, 255);
+    sgs_scene *scene = load(&folder, NULL);
+    assert_hole(photo_of(scene, "a.png"), 40, 30, 50, 40, false);
+    sgs_scene_destroy(scene);
+    put_cutout(&folder, "masks/a.png", CUTOUT_MASK, 0);
+    scene = load(&folder, NULL);
+    const sgs_photo *photo = photo_of(scene, "a.png");
+    assert_int_equal(photo->kept, WIDTH * HEIGHT - 16 * 8 - 10 * 10);
+    assert_false(sgs_mask_is_valid(photo->valid_mask, WIDTH, 8, 8));
+    assert_false(sgs_mask_is_valid(photo->valid_mask, WIDTH, 40, 30));
+    assert_null(strstr(warnings, "alpha channel"));
+    sgs_scene_destroy(scene);
     tree_remove(&folder);
 }
 
@@ -619,6 +710,9 @@ int main(void)
         cmocka_unit_test_setup(downscaled_pixels_are_valid_if_entirely_valid, warnings_begin),
         cmocka_unit_test_setup(masks_of_other_sizes_are_rejected, warnings_begin),
         cmocka_unit_test_setup(views_without_valid_pixels_are_skipped, warnings_begin),
+        cmocka_unit_test_setup(masks_that_are_not_black_may_be_inverted, warnings_begin),
+        cmocka_unit_test_setup(cutouts_mask_by_their_alpha_channel, warnings_begin),
+        cmocka_unit_test_setup(colours_of_masks_are_multiplied_by_alpha, warnings_begin),
         cmocka_unit_test_setup(alpha_channels_mask_on_request, warnings_begin),
         cmocka_unit_test_setup(pixels_without_a_ray_are_invalid, warnings_begin),
         cmocka_unit_test(names_of_masks_have_a_stem),

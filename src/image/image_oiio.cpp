@@ -41,6 +41,7 @@
 extern "C" {
 #include "base/core.h"
 #include "image/exr_channels.h"
+#include "image/icc_profile.h"
 #include "sparegs/runtime.h"
 }
 
@@ -565,6 +566,10 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
                  {}};
         for (int k = 0; k < SGSI_NOTES; ++k)
             std::snprintf(info->notes[k], SGSI_NOTE_SIZE, "%s", colors.notes[k].c_str());
+        const OIIO::ParamValue *const profile = spec.find_attribute("ICCProfile");
+        if (profile && !colorspace)
+            sgsi_icc_note(profile->data(), size_t(profile->datasize()),
+                          info->notes[SGSI_NOTE_PROFILE], SGSI_NOTE_SIZE);
         return SGS_STATUS_OK;
     });
 }

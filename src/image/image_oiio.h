@@ -23,8 +23,8 @@ sgs_status sgsi_oiio_read(const char *path, bool is_mask, sgs_image8 *image);
 sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *channels);
 
 // What the user should check in a photo's file: which of several layers with colours it is; a
-// colour space that is unknown or contradicts others.
-enum { SGSI_NOTE_LAYER, SGSI_NOTE_COLOR, SGSI_NOTES, SGSI_NOTE_SIZE = 256 };
+// colour space that is unknown or contradicts others; an ICC profile that is not applied.
+enum { SGSI_NOTE_LAYER, SGSI_NOTE_COLOR, SGSI_NOTE_PROFILE, SGSI_NOTES, SGSI_NOTE_SIZE = 256 };
 
 // Properties of a photo's file that affect its decoding.
 typedef struct sgsi_image_info {

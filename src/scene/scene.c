@@ -122,6 +122,7 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
             sgsi_free(l.slots[i].notes[k]);
     }
     sgsi_free(l.slots);
+    sgsi_free(l.name_hint);
     sgsi_progress_end(&l.progress);
     sgsi_free(l.sources);
     sgsi_free(l.bytes);

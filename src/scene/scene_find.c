@@ -363,8 +363,9 @@ enum { MAX_DEPTH = 8, EXAMPLES = 3 };
 typedef struct search {
     const char *folder;
     const sgsi_roots *roots;
-    const char *const *known;
-    size_t known_count, unknown_count;
+    const char *const *known, *const *missing;
+    size_t known_count, missing_count;
+    sgsi_unknown_files *unknown;
     char *examples[EXAMPLES]; // the first ones by name: readdir is unordered
     void *visited;            // tree of folder_id
     char **links;             // to folders, searched after all other folders
@@ -394,10 +395,33 @@ static bool is_known(const search *s, const char *name)
     return false;
 }
 
+// Compares an unknown file with the missing photos up to the first one that is explained.
+static void compare_missing(search *s, const char *name)
+{
+    sgsi_unknown_files *u = s->unknown;
+    for (size_t i = 0; i < s->missing_count; ++i) {
+        const bool same = s->missing[i] == u->missing;
+        const sgsi_name_difference difference = sgsi_name_compare(s->missing[i], name);
+        if (difference != SGSI_NAME_DIFFERS && (!same || strcmp(name, u->similar) < 0)) {
+            char *copy = sgsi_strdup(name);
+            if (!copy)
+                return;
+            sgsi_free(u->similar);
+            u->similar = copy;
+            u->missing = s->missing[i];
+            u->difference = difference;
+            return;
+        }
+        if (same)
+            return;
+    }
+}
+
 // Takes ownership of `name`.
 static void add_unknown(search *s, char *name)
 {
-    ++s->unknown_count;
+    ++s->unknown->count;
+    compare_missing(s, name);
     for (int i = 0; i < EXAMPLES && name; ++i) {
         if (!s->examples[i] || strcmp(name, s->examples[i]) < 0) {
             char *earlier = s->examples[i];
@@ -492,11 +516,18 @@ static void search_link(search *s, const char *name)
     sgsi_free(path);
 }
 
-size_t sgsi_scene_count_unknown(const char *folder, const sgsi_roots *roots,
-                                const char *const *known, size_t count, char *examples,
-                                size_t examples_size)
+void sgsi_scene_find_unknown(const char *folder, const sgsi_roots *roots, const char *const *known,
+                             size_t count, const char *const *missing, size_t missing_count,
+                             sgsi_unknown_files *unknown)
 {
-    search s = {.folder = folder, .roots = roots, .known = known, .known_count = count};
+    search s = {.folder = folder,
+                .roots = roots,
+                .known = known,
+                .known_count = count,
+                .missing = missing,
+                .missing_count = missing_count,
+                .unknown = unknown};
+    *unknown = (sgsi_unknown_files){0};
     search_folder(&s, "", 0);
     for (size_t begin = 0, end; begin < s.link_count; begin = end) {
         end = s.link_count;
@@ -509,14 +540,12 @@ size_t sgsi_scene_count_unknown(const char *folder, const sgsi_roots *roots,
     sgsi_free(s.links);
     tdestroy(s.visited, sgsi_free);
     size_t used = 0;
-    examples[0] = 0;
     for (int i = 0; i < EXAMPLES; ++i) {
-        if (s.examples[i] && used < examples_size) {
-            const int n = snprintf(examples + used, examples_size - used, "%s%s", i ? ", " : "",
-                                   s.examples[i]);
+        if (s.examples[i] && used < sizeof unknown->examples) {
+            const int n = snprintf(unknown->examples + used, sizeof unknown->examples - used,
+                                   "%s%s", i ? ", " : "", s.examples[i]);
             used += n > 0 ? (size_t)n : 0;
         }
         sgsi_free(s.examples[i]);
     }
-    return s.unknown_count;
 }

@@ -9,6 +9,7 @@
 #include <stddef.h>
 
 #include "base/path_sandbox.h"
+#include "scene/similar_name.h"
 #include "sparegs/status.h"
 
 typedef struct sgsi_scene_files {
@@ -38,10 +39,20 @@ sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *i
 // it. NULL if out of memory.
 char *sgsi_scene_image_path(const char *folder, const char *name);
 
-// Counts the image files below `folder` that are not in `known` (`count` paths relative to folder,
-// sorted by strcmp) in any image format, ignoring hidden files and links out of `roots`, and writes
-// the first few names to `examples`. Searches each folder once, under its own path rather than that
-// of a link.
-size_t sgsi_scene_count_unknown(const char *folder, const sgsi_roots *roots,
-                                const char *const *known, size_t count, char *examples,
-                                size_t examples_size);
+// The image files that a scene does not use, and the photo that one of them may be.
+typedef struct sgsi_unknown_files {
+    size_t count;
+    char examples[256]; // the first few names, separated by commas
+    // The first missing photo that resembles an unknown file, and the first such file; NULL = none.
+    const char *missing;
+    char *similar;
+    sgsi_name_difference difference;
+} sgsi_unknown_files;
+
+// Lists the image files below `folder` that are not in `known` (`count` paths relative to folder,
+// sorted by strcmp) in any image format, ignoring hidden files and links out of `roots`. Searches
+// each folder once, under its own path rather than that of a link. `missing`: paths of photos that
+// do not exist, likewise relative. The caller frees unknown->similar.
+void sgsi_scene_find_unknown(const char *folder, const sgsi_roots *roots, const char *const *known,
+                             size_t count, const char *const *missing, size_t missing_count,
+                             sgsi_unknown_files *unknown);

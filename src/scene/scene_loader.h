@@ -57,6 +57,7 @@ typedef struct sgsi_scene_loader {
     sgsi_roots roots;
     size_t top_folder; // transforms: length of the folder that all names begin with
     bool mask_folder;  // a mask folder exists
+    char *name_hint;   // why a missing photo seems to be there; NULL = no such file
     sgsi_lens_mask *lenses;
     size_t lens_count;
     sgsi_decode_limit *decode_limit; // of the photos; passes to the image cache
@@ -88,8 +89,8 @@ sgs_status sgsi_loader_mark_dropped(sgsi_scene_loader *l);
 // fit.
 sgs_status sgsi_loader_read_photos(sgsi_scene_loader *l);
 
-// Warns of photos without a pose. Call it before views are dropped: unreadable photos
-// have a pose.
+// Warns of photos without a pose, and compares their names with those of missing photos. Call it
+// before views are dropped: unreadable photos have a pose.
 sgs_status sgsi_loader_count_unposed(sgsi_scene_loader *l);
 
 // Drops the views without a usable photo, with warnings. Fails with the error of a slot that

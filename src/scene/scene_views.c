@@ -345,9 +345,11 @@ static sgs_status report_no_views(const sgsi_scene_loader *l, size_t count, cons
             SGS_STATUS_INVALID_ARGUMENT,
             "%s: masks exclude every pixel of every image; masks inverted? (option invert_masks)",
             scene->path);
-    return sgsi_fail(
-        SGS_STATUS_IO, "%s: none of the %zu registered images can be read; first error: %s",
-        l->files.image_folder, count, l->slots[0].error ? l->slots[0].error : "unknown error");
+    return sgsi_fail(SGS_STATUS_IO, "%s: none of the %zu registered images can be read; %s%s",
+                     l->files.image_folder, count, l->name_hint ? "" : "first error: ",
+                     l->name_hint        ? l->name_hint
+                     : l->slots[0].error ? l->slots[0].error
+                                         : "unknown error");
 }
 
 static void warn_about_views(const sgsi_scene_loader *l, const view_tally *tally)
@@ -397,6 +399,8 @@ sgs_status sgsi_loader_drop_unusable(sgsi_scene_loader *l)
     if (scene->images_missing > MAX_WARNINGS)
         sgsi_warn("%s: %zu of %zu registered images cannot be read and are skipped", scene->path,
                   scene->images_missing, count);
+    if (kept && l->name_hint)
+        sgsi_warn("%s: %s", l->files.image_folder, l->name_hint);
     if (!kept)
         status = report_no_views(l, count, &tally);
     else
@@ -445,26 +449,73 @@ sgs_status sgsi_loader_drop_marked(sgsi_scene_loader *l)
                      scene->path, count);
 }
 
+// Writes how to find a missing photo that resembles a file without a pose, or NULL without memory.
+static char *explain_name(const sgsi_scene_loader *l, const sgsi_unknown_files *unknown)
+{
+    const char *given = l->options->images_dir ? l->options->images_dir : "images",
+               *missing = unknown->missing, *similar = unknown->similar;
+    const size_t lengths[2] = {strlen(missing), strlen(similar)};
+    const size_t extra =
+        lengths[0] > lengths[1] ? lengths[0] - lengths[1] : lengths[1] - lengths[0];
+    if (unknown->difference != SGSI_NAME_FOLDER)
+        return sgsi_format(
+            "image '%s' of the model and the file '%s' differ only in %s; rename the "
+            "files",
+            missing, similar, sgsi_name_difference_text(unknown->difference));
+    if (lengths[0] < lengths[1])
+        return sgsi_format(
+            "image '%s' of the model is the file '%s'; use option images_dir %s/%.*s", missing,
+            similar, given, (int)(extra - 1), similar);
+    // The image folder ends with the folders that the names begin with, or another one does.
+    const size_t end = strlen(given);
+    if (end == extra - 1 && !strncmp(given, missing, end))
+        return sgsi_format("image '%s' of the model is the file '%s' of the folder; use option "
+                           "images_dir .",
+                           missing, similar);
+    return sgsi_format("image '%s' of the model is the file '%s' of the folder; with option "
+                       "images_dir, use the folder that contains '%.*s'",
+                       missing, similar, (int)(extra - 1), missing);
+}
+
+// The first missing photos, for a comparison with the files that are there.
+static size_t list_missing(const sgsi_scene_loader *l, const char *missing[], size_t limit)
+{
+    const size_t prefix = strlen(l->files.image_folder) + 1;
+    size_t found = 0;
+    for (size_t i = 0; i < l->scene->view_count && found < limit; ++i) {
+        const char *path = l->scene->views[i].image_path;
+        if (l->slots[i].status && !sgsi_is_file(path))
+            missing[found++] = path + prefix;
+    }
+    return found;
+}
+
 sgs_status sgsi_loader_count_unposed(sgsi_scene_loader *l)
 {
+    enum { COMPARED = 16 };
     sgs_scene *scene = l->scene;
     if (!l->files.colmap || sgsi_loader_cameras_only(l))
         return SGS_STATUS_OK; // without COLMAP, the folder also contains depth maps and other
                               // splits
-    const char **known = sgsi_alloc(scene->view_count, sizeof *known);
+    const char **known = sgsi_alloc(scene->view_count, sizeof *known), *missing[COMPARED];
     if (!known)
         return sgsi_scene_no_memory(scene->path);
     const size_t prefix = strlen(l->files.image_folder) + 1;
     for (size_t i = 0; i < scene->view_count; ++i)
         known[i] = scene->views[i].image_path + prefix;
     qsort(known, scene->view_count, sizeof *known, sgsi_compare_strings);
-    char examples[256];
-    scene->images_unposed = sgsi_scene_count_unknown(l->files.image_folder, &l->roots, known,
-                                                     scene->view_count, examples, sizeof examples);
+    const size_t missing_count = list_missing(l, missing, COMPARED);
+    sgsi_unknown_files unknown;
+    sgsi_scene_find_unknown(l->files.image_folder, &l->roots, known, scene->view_count, missing,
+                            missing_count, &unknown);
+    scene->images_unposed = unknown.count;
     sgsi_free(known);
-    if (scene->images_unposed)
+    if (unknown.similar)
+        l->name_hint = explain_name(l, &unknown);
+    sgsi_free(unknown.similar);
+    if (unknown.count)
         sgsi_warn("%s: ignored %zu image(s) without a pose in the model: %s%s",
-                  l->files.image_folder, scene->images_unposed, examples,
-                  scene->images_unposed > 3 ? ", ..." : "");
+                  l->files.image_folder, unknown.count, unknown.examples,
+                  unknown.count > 3 ? ", ..." : "");
     return SGS_STATUS_OK;
 }

@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "support/bad_input.h"
+#include "scene/similar_name.h"
 #include "support/scene_support.h"
 
 static const uint8_t red[4] = {250, 20, 10, 255};
@@ -80,10 +81,156 @@ static void transforms_precede_only_the_model_of_nerfstudio(void **state)
     }
 }
 
+// Names by the Unicode standard: NFC and NFD of the same letters, and their bytes in Latin-1.
+static void names_are_compared_as_systems_change_them(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *a, *b;
+        sgsi_name_difference difference;
+    } cases[] = {
+        {"a.jpg", "a.jpg", SGSI_NAME_DIFFERS},
+        {"a.jpg", "b.jpg", SGSI_NAME_DIFFERS},
+        {"", "a", SGSI_NAME_DIFFERS},
+        {"a0.jpg", "A0.JPG", SGSI_NAME_CASE},
+        {"sub/a.jpg", "Sub/a.jpg", SGSI_NAME_CASE},
+        {"images/a.jpg", "a.jpg", SGSI_NAME_FOLDER},
+        {"a.jpg", "x/y/a.jpg", SGSI_NAME_FOLDER},
+        {"a.jpg", "ba.jpg", SGSI_NAME_DIFFERS},
+        {"x/a.jpg", "y/a.jpg", SGSI_NAME_DIFFERS},
+        {"K\xc3\xbc"
+         "che",
+         "Ku\xcc\x88"
+         "che",
+         SGSI_NAME_FORM},
+        {"\xc5\x81\xc3\xb3", "\xc5\x81o\xcc\x81", SGSI_NAME_FORM}, // the first letter has no base
+        {"\xc5\xa1", "s\xcc\x8c", SGSI_NAME_FORM},
+        {"K\xc3\xbc"
+         "che",
+         "K\xfc"
+         "che",
+         SGSI_NAME_ENCODING},
+        {"Stra\xc3\x9f"
+         "e",
+         "Stra\xdf"
+         "e",
+         SGSI_NAME_ENCODING},
+        {"\xf0", "\xc3\xb0", SGSI_NAME_ENCODING}, // the end of the name, not four bytes
+        {"K\xc3\xbc"
+         "che",
+         "Kuche", SGSI_NAME_ACCENTS},
+        {"K\xc3\x9c"
+         "CHE",
+         "ku\xcc\x88"
+         "che",
+         SGSI_NAME_CASE},
+        {"\xf0\x9f\x98\x80.jpg", "\xf0\x9f\x98\x81.jpg", SGSI_NAME_DIFFERS},
+        {"\xe3\x81\x82", "\xe3\x81\x84", SGSI_NAME_DIFFERS},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i)
+        if (sgsi_name_compare(cases[i].a, cases[i].b) != cases[i].difference ||
+            sgsi_name_compare(cases[i].b, cases[i].a) != cases[i].difference)
+            fail_msg("'%s' and '%s'", cases[i].a, cases[i].b);
+    static char longest[1025], other[1025];
+    memset(longest, 0xfc, sizeof longest - 1);
+    memset(other, 0xdc, sizeof other - 1);
+    assert_int_equal(sgsi_name_compare(longest, other), SGSI_NAME_CASE);
+    other[0] = 'x';
+    assert_int_equal(sgsi_name_compare(longest, other), SGSI_NAME_DIFFERS);
+}
+
+// Moves two photos of a scene.
+static void rename_photos(const temp_folder *folder, const char *a, const char *b)
+{
+    assert_int_equal(rename(temp_path(folder, "images/a.png"), temp_path(folder, a)), 0);
+    assert_int_equal(rename(temp_path(folder, "images/b.png"), temp_path(folder, b)), 0);
+}
+
+static void missing_photos_with_similar_names_are_explained_once(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *a, *b, *hint;
+    } cases[] = {
+        {"images/A.png", "images/B.PNG",
+         "/images: image 'a.png' of the model and the file 'A.png' differ only in upper and lower "
+         "case; rename the files\n"},
+        {"images/sub/a.png", "images/sub/b.png",
+         "/images: image 'a.png' of the model is the file 'sub/a.png'; use option images_dir "
+         "images/sub\n"},
+        {"images/x.png", "images/B.png",
+         "/images: image 'b.png' of the model and the file 'B.png' differ only in upper and lower "
+         "case; rename the files\n"},
+        {"images/x.png", "images/y.png", NULL},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        const temp_folder folder = scene_make("sparse/0/", true, "images");
+        rename_photos(&folder, cases[i].a, cases[i].b);
+        warnings[0] = 0;
+        sgs_scene *scene = load(folder.path, NULL);
+        assert_int_equal(scene->images_missing, 2);
+        assert_int_equal(scene->images_unposed, 2);
+        const char *first = strstr(warnings, " of the model ");
+        if (cases[i].hint) {
+            assert_holds(warnings, cases[i].hint);
+            assert_null(strstr(first + 1, " of the model "));
+        } else {
+            assert_null(first);
+        }
+        sgs_scene_destroy(scene);
+        tree_remove(&folder);
+    }
+}
+
+static void the_error_without_photos_names_the_folder_to_use(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *names[2], *images, *option, *hint;
+    } cases[] = {
+        {{"images/a.png", "images/b.png"}, "images", NULL, "; use option images_dir ."},
+        {{"photos/a.png", "photos/b.png"}, "photos", "photos", "; use option images_dir ."},
+        {{"photos/a.png", "photos/b.png"},
+         "images",
+         NULL,
+         "; with option images_dir, use the folder that contains 'photos'"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        const temp_folder folder = temp_folder_make();
+        model m = model_make();
+        m.image_count = 2;
+        m.images[0].name = "a.png";
+        m.images[1].name = "b.png";
+        model_put_pictures(&folder, cases[i].images, &m, (picture){32, 24, 3, red});
+        m.images[0].name = cases[i].names[0];
+        m.images[1].name = cases[i].names[1];
+        model_put(&folder, "sparse/0/", &m, true);
+        sgs_scene_options options = sgs_scene_options_default();
+        options.images_dir = cases[i].option;
+        sgs_scene *scene;
+        assert_int_equal(sgs_scene_load(folder.path, &options, &scene), SGS_STATUS_IO);
+        assert_holds(sgs_last_error(), "none of the 2 registered images can be read; image '");
+        assert_holds(sgs_last_error(), "/a.png' of the model is the file 'a.png' of the folder");
+        assert_holds(sgs_last_error(), cases[i].hint);
+        bad_input();
+        if (i < 2) {
+            options.images_dir = ".";
+            scene = load(folder.path, &options);
+            assert_int_equal(scene->view_count, 2);
+            sgs_scene_destroy(scene);
+        }
+        tree_remove(&folder);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(transforms_precede_only_the_model_of_nerfstudio, warnings_begin),
+        cmocka_unit_test(names_are_compared_as_systems_change_them),
+        cmocka_unit_test_setup(missing_photos_with_similar_names_are_explained_once,
+                               warnings_begin),
+        cmocka_unit_test_setup(the_error_without_photos_names_the_folder_to_use, warnings_begin),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

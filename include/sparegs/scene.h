@@ -74,7 +74,7 @@ typedef struct sgs_scene_options {
     // false: only cameras and points; sizes are read from the headers of the image files.
     bool load_images;
     // Folder of masks next to the image folder; "none" = no masks; NULL = "masks" or "mask" if
-    // present.
+    // present, in upper or lower case.
     const char *masks_dir;
     bool invert_masks; // black is valid instead of white, in masks of instant-ngp the reverse
     sgs_alpha alpha;
@@ -180,7 +180,7 @@ typedef struct sgs_scene {
 // relative path, the working directory must then be the same.
 //
 // Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
-// MASKS/STEM_mask.png and STEM_mask.png next to the photo. White (mean of the colours times alpha
+// MASKS/STEM_mask.png, the same as JPEG and TIFF, and STEM_mask.png next to the photo. White (mean of the colours times alpha
 // >= 128; all but 0 if none is) is valid; alpha alone decides, with a warning, if it varies and the
 // visible colours have neither two values, as in a mask, nor are white. Last, instant-ngp's
 // dynamic_mask_STEM.png next to the photo: black is valid. A pixel of a down-scaled photo is valid

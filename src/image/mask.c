@@ -8,6 +8,7 @@
 
 #include <math.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "base/base_name.h"
 #include "base/core.h"
@@ -53,15 +54,32 @@ static sgs_status use_if_file(char *candidate, char **path)
     return status;
 }
 
-// BASE/STEM.png, BASE/NAME.png or, as Metashape exports them, BASE/STEM_mask.png.
-static sgs_status use_named(const char *base, const char *name, char **path)
+static bool same_file(const char *a, const char *b)
 {
+    struct stat x, y;
+    return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
+// BASE/STEM.png, BASE/NAME.png or, as Metashape exports them, BASE/STEM_mask.png; then the same in
+// other formats. The folder may also be that of the photos, which are no masks.
+static sgs_status use_named(const char *base, const char *name, const char *image_path, char **path)
+{
+    static const char *const extensions[] = {"png",  "PNG", "jpg", "JPG",  "jpeg",
+                                             "JPEG", "tif", "TIF", "tiff", "TIFF"};
     const int stem = stem_length(name);
-    sgs_status status = use_if_file(sgsi_format("%s/%.*s.png", base, stem, name), path);
-    if (!status && !*path)
-        status = use_if_file(sgsi_format("%s/%s.png", base, name), path);
-    if (!status && !*path)
-        status = use_if_file(sgsi_format("%s/%.*s%s", base, stem, name, suffix), path);
+    sgs_status status = SGS_STATUS_OK;
+    for (size_t i = 0; i < sizeof extensions / sizeof *extensions && !*path && !status; ++i) {
+        const char *extension = extensions[i];
+        status = use_if_file(sgsi_format("%s/%.*s.%s", base, stem, name, extension), path);
+        if (*path && same_file(*path, image_path)) {
+            sgsi_free(*path);
+            *path = NULL;
+        }
+        if (!status && !*path)
+            status = use_if_file(sgsi_format("%s/%s.%s", base, name, extension), path);
+        if (!status && !*path)
+            status = use_if_file(sgsi_format("%s/%.*s_mask.%s", base, stem, name, extension), path);
+    }
     return status;
 }
 
@@ -81,25 +99,18 @@ static sgs_status use_beside(const char *image_path, char **path, bool *dynamic)
     return status;
 }
 
-sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
-                          const char *name, size_t skip, char **path, bool *dynamic)
+sgs_status sgsi_mask_find(const sgsi_mask_places *places, const char *image_path, const char *name,
+                          size_t skip, char **path, bool *dynamic)
 {
-    static const char *const usual[] = {"masks", "mask"};
     sgs_status status = SGS_STATUS_OK;
     *path = NULL;
     *dynamic = false;
-    for (int i = 0; i < (folder ? 1 : 2) && !status && !*path; ++i) {
-        char *base = folder && folder[0] == '/'
-                         ? sgsi_strdup(folder)
-                         : sgsi_format("%s/%s", root, folder ? folder : usual[i]);
-        status = base ? use_named(base, name + skip, path)
-                      : sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
-                                  "%s: not enough memory to search for its mask", name);
+    for (size_t i = 0; i < places->folder_count && !status && !*path; ++i) {
+        status = use_named(places->folders[i], name + skip, image_path, path);
         if (!status && !*path && skip)
-            status = use_named(base, name, path);
-        sgsi_free(base);
+            status = use_named(places->folders[i], name, image_path, path);
     }
-    return !status && !*path && !folder ? use_beside(image_path, path, dynamic) : status;
+    return !status && !*path && places->beside ? use_beside(image_path, path, dynamic) : status;
 }
 
 static void set_all(uint16_t *valid_mask, int width, int height)

@@ -11,14 +11,20 @@
 
 #include "sparegs/scene.h"
 
-// Finds the mask file of photo `name`, whose file is image_path; *path is NULL if there is
-// none. Masks are searched in `root`/masks and `root`/mask, or in `folder` (relative to root, or
-// absolute) if given, else next to the photo: STEM_mask.png, then dynamic_mask_STEM.png of
-// instant-ngp (*dynamic). `skip`: length of the part of the name that is
-// the image folder, which the paths of masks may omit. IO: a mask exists but cannot be read as a
-// regular file.
-sgs_status sgsi_mask_find(const char *root, const char *folder, const char *image_path,
-                          const char *name, size_t skip, char **path, bool *dynamic);
+// Where masks are searched, in this order.
+typedef struct sgsi_mask_places {
+    const char *const *folders;
+    size_t folder_count;
+    bool beside; // next to the photo
+} sgsi_mask_places;
+
+// Finds the mask file of photo `name`, whose file is image_path; *path is NULL if there is none. In
+// a folder: STEM, NAME or STEM_mask with the extension png, else with that of JPEG or TIFF, in
+// lower or upper case; next to the photo: STEM_mask.png, then dynamic_mask_STEM.png of instant-ngp
+// (*dynamic). `skip`: length of the part of the name that is the image folder, which the paths of
+// masks may omit. IO: a mask exists but cannot be read as a regular file.
+sgs_status sgsi_mask_find(const sgsi_mask_places *places, const char *image_path, const char *name,
+                          size_t skip, char **path, bool *dynamic);
 
 // Allocates photo->valid_mask with all pixels valid, unless it exists.
 sgs_status sgsi_mask_begin(sgs_photo *photo);

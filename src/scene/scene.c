@@ -123,6 +123,8 @@ sgs_status sgs_scene_load(const char *path, const sgs_scene_options *options, sg
     }
     sgsi_free(l.slots);
     sgsi_free(l.name_hint);
+    for (size_t i = 0; i < l.mask_folder_count; ++i)
+        sgsi_free(l.mask_folders[i]);
     sgsi_progress_end(&l.progress);
     sgsi_free(l.sources);
     sgsi_free(l.bytes);

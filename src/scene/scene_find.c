@@ -361,10 +361,7 @@ char *sgsi_scene_image_path(const char *folder, const char *name)
 enum { MAX_DEPTH = 8, EXAMPLES = 3 };
 
 typedef struct search {
-    const char *folder;
-    const sgsi_roots *roots;
-    const char *const *known, *const *missing;
-    size_t known_count, missing_count;
+    const sgsi_file_search *what;
     sgsi_unknown_files *unknown;
     char *examples[EXAMPLES]; // the first ones by name: readdir is unordered
     void *visited;            // tree of folder_id
@@ -381,16 +378,16 @@ typedef struct folder_id {
 static bool is_known(const search *s, const char *name)
 {
     const size_t length = (size_t)(strrchr(name, '.') + 1 - name); // with the dot
-    size_t low = 0, high = s->known_count;
+    size_t low = 0, high = s->what->known_count;
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
-        if (strncmp(s->known[middle], name, length) < 0)
+        if (strncmp(s->what->known[middle], name, length) < 0)
             low = middle + 1;
         else
             high = middle;
     }
-    for (; low < s->known_count && !strncmp(s->known[low], name, length); ++low)
-        if (!strpbrk(s->known[low] + length, "./"))
+    for (; low < s->what->known_count && !strncmp(s->what->known[low], name, length); ++low)
+        if (!strpbrk(s->what->known[low] + length, "./"))
             return true;
     return false;
 }
@@ -399,16 +396,16 @@ static bool is_known(const search *s, const char *name)
 static void compare_missing(search *s, const char *name)
 {
     sgsi_unknown_files *u = s->unknown;
-    for (size_t i = 0; i < s->missing_count; ++i) {
-        const bool same = s->missing[i] == u->missing;
-        const sgsi_name_difference difference = sgsi_name_compare(s->missing[i], name);
+    for (size_t i = 0; i < s->what->missing_count; ++i) {
+        const bool same = s->what->missing[i] == u->missing;
+        const sgsi_name_difference difference = sgsi_name_compare(s->what->missing[i], name);
         if (difference != SGSI_NAME_DIFFERS && (!same || strcmp(name, u->similar) < 0)) {
             char *copy = sgsi_strdup(name);
             if (!copy)
                 return;
             sgsi_free(u->similar);
             u->similar = copy;
-            u->missing = s->missing[i];
+            u->missing = s->what->missing[i];
             u->difference = difference;
             return;
         }
@@ -477,13 +474,13 @@ static bool is_link(const char *path)
 // searched once.
 static void search_folder(search *s, const char *below, int depth)
 {
-    char *path = sgsi_format("%s/%s", s->folder, below);
+    char *path = sgsi_format("%s/%s", s->what->folder, below);
     DIR *folder = path && first_visit(s, path) ? opendir(path) : NULL;
     for (struct dirent *entry; folder && (entry = readdir(folder));) {
         if (entry->d_name[0] == '.')
             continue;
         char *name = sgsi_format("%s%s%s", below, *below ? "/" : "", entry->d_name);
-        char *full = name ? sgsi_format("%s/%s", s->folder, name) : NULL;
+        char *full = name ? sgsi_format("%s/%s", s->what->folder, name) : NULL;
         if (full && sgsi_is_folder(full) && depth < MAX_DEPTH) {
             if (is_link(full)) {
                 add_link(s, name);
@@ -491,8 +488,9 @@ static void search_folder(search *s, const char *below, int depth)
             } else {
                 search_folder(s, name, depth + 1);
             }
-        } else if (full && sgsi_image_name_has_format(name) && !sgs_mask_is_name(name) &&
-                   sgsi_is_file(full) && !is_known(s, name)) {
+        } else if (full && sgsi_image_name_has_format(name) &&
+                   (s->what->masks || !sgs_mask_is_name(name)) && sgsi_is_file(full) &&
+                   !is_known(s, name)) {
             add_unknown(s, name);
             name = NULL;
         }
@@ -507,26 +505,18 @@ static void search_folder(search *s, const char *below, int depth)
 // Photos behind links out of the data set cannot be read.
 static void search_link(search *s, const char *name)
 {
-    char *path = sgsi_format("%s/%s", s->folder, name);
+    char *path = sgsi_format("%s/%s", s->what->folder, name);
     int depth = 1;
     for (const char *c = name; *c; ++c)
         depth += *c == '/';
-    if (path && !sgsi_roots_check(s->roots, path))
+    if (path && !sgsi_roots_check(s->what->roots, path))
         search_folder(s, name, depth);
     sgsi_free(path);
 }
 
-void sgsi_scene_find_unknown(const char *folder, const sgsi_roots *roots, const char *const *known,
-                             size_t count, const char *const *missing, size_t missing_count,
-                             sgsi_unknown_files *unknown)
+void sgsi_scene_find_unknown(const sgsi_file_search *what, sgsi_unknown_files *unknown)
 {
-    search s = {.folder = folder,
-                .roots = roots,
-                .known = known,
-                .known_count = count,
-                .missing = missing,
-                .missing_count = missing_count,
-                .unknown = unknown};
+    search s = {.what = what, .unknown = unknown};
     *unknown = (sgsi_unknown_files){0};
     search_folder(&s, "", 0);
     for (size_t begin = 0, end; begin < s.link_count; begin = end) {

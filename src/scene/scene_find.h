@@ -39,20 +39,27 @@ sgs_status sgsi_scene_choose_images(const sgsi_scene_files *files, const char *i
 // it. NULL if out of memory.
 char *sgsi_scene_image_path(const char *folder, const char *name);
 
-// The image files that a scene does not use, and the photo that one of them may be.
+// What sgsi_scene_find_unknown searches. Paths are relative to the folder.
+typedef struct sgsi_file_search {
+    const char *folder;
+    const sgsi_roots *roots;  // links out of them are ignored
+    const char *const *known; // sorted by strcmp
+    size_t known_count;
+    const char *const *missing; // photos that do not exist
+    size_t missing_count;
+    bool masks; // include files with the names of masks
+} sgsi_file_search;
+
 typedef struct sgsi_unknown_files {
     size_t count;
     char examples[256]; // the first few names, separated by commas
-    // The first missing photo that resembles an unknown file, and the first such file; NULL = none.
+    // The first missing photo that resembles an unknown file, and the first such file, which the
+    // caller frees; NULL = none.
     const char *missing;
     char *similar;
     sgsi_name_difference difference;
 } sgsi_unknown_files;
 
-// Lists the image files below `folder` that are not in `known` (`count` paths relative to folder,
-// sorted by strcmp) in any image format, ignoring hidden files and links out of `roots`. Searches
-// each folder once, under its own path rather than that of a link. `missing`: paths of photos that
-// do not exist, likewise relative. The caller frees unknown->similar.
-void sgsi_scene_find_unknown(const char *folder, const sgsi_roots *roots, const char *const *known,
-                             size_t count, const char *const *missing, size_t missing_count,
-                             sgsi_unknown_files *unknown);
+// Lists the image files below a folder, in any image format, that are not known, except hidden
+// ones. Searches each folder once, under its own path rather than that of a link.
+void sgsi_scene_find_unknown(const sgsi_file_search *what, sgsi_unknown_files *unknown);

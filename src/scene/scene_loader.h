@@ -55,9 +55,10 @@ typedef struct sgsi_scene_loader {
     sgsi_dataset dataset;
     sgsi_view_slot *slots; // parallel to dataset.frames
     sgsi_roots roots;
-    size_t top_folder; // transforms: length of the folder that all names begin with
-    bool mask_folder;  // a mask folder exists
-    char *name_hint;   // why a missing photo seems to be there; NULL = no such file
+    size_t top_folder;     // transforms: length of the folder that all names begin with
+    char *mask_folders[2]; // that exist
+    size_t mask_folder_count;
+    char *name_hint; // why a missing photo seems to be there; NULL = no such file
     sgsi_lens_mask *lenses;
     size_t lens_count;
     sgsi_decode_limit *decode_limit; // of the photos; passes to the image cache

@@ -6,11 +6,13 @@
 
 #include "scene/scene_loader.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
 #include "base/compare.h"
@@ -58,24 +60,87 @@ static size_t image_folder_length(const sgsi_scene_loader *l, const char *name)
     return strncmp(name, "images/", 7) ? l->top_folder : 7;
 }
 
+// Adds a folder of masks if it exists. Takes ownership of `path`; NULL: no memory.
+static sgs_status add_mask_folder(sgsi_scene_loader *l, char *path, bool *found)
+{
+    *found = false;
+    sgs_status status = path ? sgsi_find_folder(path, found) : sgsi_scene_no_memory(l->scene->path);
+    if (!status)
+        status = sgsi_roots_add(&l->roots, path);
+    if (!status && *found)
+        l->mask_folders[l->mask_folder_count++] = path;
+    else
+        sgsi_free(path);
+    return status;
+}
+
+// The first folder in `root` with this name in other case, as programs on Windows write it; a new
+// string, or NULL.
+static char *find_other_case(const char *root, const char *name)
+{
+    char *best = NULL;
+    DIR *folder = opendir(root);
+    for (struct dirent *entry; folder && (entry = readdir(folder));) {
+        if (strcasecmp(entry->d_name, name) != 0)
+            continue;
+        char *path = sgsi_format("%s/%s", root, entry->d_name);
+        if (path && sgsi_is_folder(path) && (!best || strcmp(path, best) < 0)) {
+            sgsi_free(best);
+            best = path;
+        } else {
+            sgsi_free(path);
+        }
+    }
+    if (folder)
+        closedir(folder);
+    return best;
+}
+
 // Finds the folders of the masks, which are next to the image folder.
-static sgs_status find_mask_folders(sgsi_scene_loader *l, const char *given)
+static sgs_status find_mask_folders(sgsi_scene_loader *l)
 {
     static const char *const usual[] = {"masks", "mask"};
-    for (size_t k = 0; k < (given ? 1 : 2); ++k) {
-        bool found = false;
-        char *place =
-            given ? sgsi_strdup(given) : sgsi_format("%s/%s", l->files.mask_root, usual[k]);
-        sgs_status status =
-            place ? sgsi_find_folder(place, &found) : sgsi_scene_no_memory(l->scene->path);
-        if (!status && given && !found)
-            status = sgsi_fail(SGS_STATUS_IO, "%s: no such mask folder", given);
-        if (!status)
-            status = sgsi_roots_add(&l->roots, place);
-        sgsi_free(place);
-        l->mask_folder |= found;
-        if (status)
-            return status;
+    const char *given = l->options->masks_dir, *root = l->files.mask_root;
+    sgs_status status = SGS_STATUS_OK;
+    bool found = false;
+    if (given) {
+        char *path = given[0] == '/' ? sgsi_strdup(given) : sgsi_format("%s/%s", root, given);
+        status = add_mask_folder(l, path, &found);
+        return status || found
+                   ? status
+                   : sgsi_fail(SGS_STATUS_IO, "%s%s%s: no such mask folder",
+                               given[0] == '/' ? "" : root, given[0] == '/' ? "" : "/", given);
+    }
+    for (size_t k = 0; k < 2 && !status; ++k) {
+        status = add_mask_folder(l, sgsi_format("%s/%s", root, usual[k]), &found);
+        char *other = status || found ? NULL : find_other_case(root, usual[k]);
+        if (other)
+            status = add_mask_folder(l, other, &found);
+    }
+    return status;
+}
+
+// Masks that match no image are a mistake in their names.
+static sgs_status check_mask_names(const sgsi_scene_loader *l)
+{
+    const sgs_scene *scene = l->scene;
+    for (size_t i = 0; i < scene->view_count; ++i)
+        if (scene->views[i].mask_path)
+            return SGS_STATUS_OK;
+    for (size_t k = 0; k < l->mask_folder_count; ++k) {
+        const sgsi_file_search search = {
+            .folder = l->mask_folders[k], .roots = &l->roots, .masks = true};
+        const char *name = scene->views[0].name + image_folder_length(l, scene->views[0].name),
+                   *dot = strrchr(name, '.');
+        sgsi_unknown_files files;
+        sgsi_scene_find_unknown(&search, &files);
+        if (files.count)
+            return sgsi_fail(SGS_STATUS_IO,
+                             "%s: none of its %zu images is named after an image of the scene: it "
+                             "contains %s, expected is for example %.*s.png",
+                             l->mask_folders[k], files.count, files.examples,
+                             dot && !strchr(dot, '/') ? (int)(dot - name) : (int)strlen(name),
+                             name);
     }
     return SGS_STATUS_OK;
 }
@@ -83,24 +148,23 @@ static sgs_status find_mask_folders(sgsi_scene_loader *l, const char *given)
 // Finds the masks of all views. Option masks_dir overrides masks named in camera files.
 static sgs_status find_masks(sgsi_scene_loader *l)
 {
-    const char *folder = l->options->masks_dir;
-    if ((folder && !strcmp(folder, "none")) || sgsi_loader_cameras_only(l))
+    const char *given = l->options->masks_dir;
+    if ((given && !strcmp(given, "none")) || sgsi_loader_cameras_only(l))
         return SGS_STATUS_OK;
-    const char *root = l->files.mask_root;
-    char *given = !folder            ? NULL
-                  : folder[0] == '/' ? sgsi_strdup(folder)
-                                     : sgsi_format("%s/%s", root, folder);
-    sgs_status status =
-        !folder || given ? find_mask_folders(l, given) : sgsi_scene_no_memory(l->scene->path);
+    sgs_status status = find_mask_folders(l);
+    const sgsi_mask_places places = {.folders = (const char *const *)l->mask_folders,
+                                     .folder_count = l->mask_folder_count,
+                                     .beside = !given};
     for (size_t i = 0; i < l->scene->view_count && !status; ++i) {
         sgs_view *view = &l->scene->views[i];
-        status = !folder && l->dataset.frames[i].mask
+        status = !given && l->dataset.frames[i].mask
                      ? use_named_mask(l, i)
-                     : sgsi_mask_find(root, folder, view->image_path, view->name,
+                     : sgsi_mask_find(&places, view->image_path, view->name,
                                       image_folder_length(l, view->name), &view->mask_path,
                                       &l->slots[i].dynamic_mask);
     }
-    sgsi_free(given);
+    if (!status)
+        status = check_mask_names(l);
     return status == SGS_STATUS_IO
                ? sgsi_fail(status, "%s; use option masks_dir none to ignore masks",
                            sgs_last_error())
@@ -357,7 +421,7 @@ static void warn_about_views(const sgsi_scene_loader *l, const view_tally *tally
     sgs_scene *scene = l->scene;
     const size_t used = scene->masks;
     scene->masks += tally->masked_files;
-    if (!scene->masks && l->mask_folder)
+    if (!scene->masks && l->mask_folder_count)
         sgsi_warn(
             "%s: the mask folder contains no mask named after an image (STEM.png, NAME.png or "
             "STEM_mask.png)",
@@ -504,10 +568,14 @@ sgs_status sgsi_loader_count_unposed(sgsi_scene_loader *l)
     for (size_t i = 0; i < scene->view_count; ++i)
         known[i] = scene->views[i].image_path + prefix;
     qsort(known, scene->view_count, sizeof *known, sgsi_compare_strings);
-    const size_t missing_count = list_missing(l, missing, COMPARED);
+    const sgsi_file_search search = {.folder = l->files.image_folder,
+                                     .roots = &l->roots,
+                                     .known = known,
+                                     .known_count = scene->view_count,
+                                     .missing = missing,
+                                     .missing_count = list_missing(l, missing, COMPARED)};
     sgsi_unknown_files unknown;
-    sgsi_scene_find_unknown(l->files.image_folder, &l->roots, known, scene->view_count, missing,
-                            missing_count, &unknown);
+    sgsi_scene_find_unknown(&search, &unknown);
     scene->images_unposed = unknown.count;
     sgsi_free(known);
     if (unknown.similar)

@@ -101,6 +101,73 @@ static void masks_are_found_under_all_names(void **state)
     tree_remove(&folder);
 }
 
+// Exports from Windows and from programs for JPEG. PNG precedes; a photo is not its own mask.
+static void masks_are_found_in_other_formats_and_cases(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"masks/a.PNG",  "Masks/a.png",      "MASK/a.png.png",
+                                        "masks/a.jpg",  "masks/a.JPG",      "masks/a.png.jpeg",
+                                        "mask/a.JPEG",  "masks/a_mask.tif", "masks/a.TIF",
+                                        "masks/a.tiff", "Mask/a_mask.TIFF", "masks/a_mask.PNG"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; ++i) {
+        temp_folder folder = make_scene(3);
+        put_mask(&folder, names[i], 1, 3, 4, 20, 30);
+        sgs_scene *scene = load(&folder, NULL);
+        assert_hole(photo_of(scene, "a.png"), 3, 4, 20, 30, false);
+        assert_int_equal(scene->masks, 1);
+        sgs_scene_destroy(scene);
+        tree_remove(&folder);
+    }
+    temp_folder folder = make_scene(3);
+    put_mask(&folder, "masks/a.jpg", 1, 3, 4, 20, 30);
+    put_mask(&folder, "masks/a_mask.png", 1, 5, 4, 20, 30);
+    put_mask(&folder, "Masks/a.png", 1, 6, 4, 20, 30);
+    put_mask(&folder, "MASKS/b.png", 1, 7, 4, 20, 30);
+    sgs_scene *scene = load(&folder, NULL);
+    assert_hole(photo_of(scene, "a.png"), 5, 4, 20, 30, false);
+    assert_int_equal(scene->masks, 1);
+    sgs_scene_destroy(scene);
+    sgs_scene_options options = sgs_scene_options_default();
+    options.masks_dir = "images"; // beside the photos
+    put_mask(&folder, "images/b_mask.png", 1, 7, 4, 20, 30);
+    scene = load(&folder, &options);
+    assert_int_equal(scene->masks, 1);
+    assert_null(photo_of(scene, "a.png")->valid_mask);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+static void masks_that_match_no_image_are_refused(void **state)
+{
+    (void)state;
+    temp_folder folder = make_scene(3);
+    sgs_scene *scene;
+    put_mask(&folder, "masks/sub/frame_7_mask.png", 1, 3, 4, 20, 30);
+    put_mask(&folder, "masks/sub/frame_8.png", 1, 3, 4, 20, 30);
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_IO);
+    assert_holds(sgs_last_error(), "/masks: none of its 2 images is named after an image of the "
+                                   "scene: it contains sub/frame_7_mask.png, sub/frame_8.png, "
+                                   "expected is for example a.png; use option masks_dir none to "
+                                   "ignore masks");
+    bad_input();
+    sgs_scene_options options = sgs_scene_options_default();
+    options.masks_dir = "none";
+    scene = load(&folder, &options);
+    assert_int_equal(scene->masks, 0);
+    sgs_scene_destroy(scene);
+    put_mask(&folder, "images/b_mask.png", 1, 3, 4, 20, 30); // the masks are elsewhere
+    scene = load(&folder, NULL);
+    assert_int_equal(scene->masks, 1);
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+    folder = make_scene(3);
+    tree_put_text(&folder, "masks/notes.txt", "to do");
+    scene = load(&folder, NULL);
+    assert_holds(warnings, "the mask folder contains no mask named after an image");
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
 static void options_select_invert_and_disable_masks(void **state)
 {
     (void)state;
@@ -701,6 +768,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(masks_are_found_under_all_names, warnings_begin),
+        cmocka_unit_test_setup(masks_are_found_in_other_formats_and_cases, warnings_begin),
+        cmocka_unit_test_setup(masks_that_match_no_image_are_refused, warnings_begin),
         cmocka_unit_test_setup(options_select_invert_and_disable_masks, warnings_begin),
         cmocka_unit_test_setup(masks_of_small_values_exclude_zeros, warnings_begin),
         cmocka_unit_test_setup(labels_of_any_depth_are_valid, warnings_begin),

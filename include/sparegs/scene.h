@@ -170,6 +170,10 @@ typedef struct sgs_scene {
     // Largest ratio of the width of an image file to the width in use, >= 1: options.downscale, or
     // what the automatic reduction did.
     double reduction;
+    // Colour spaces of the image files, separated by commas, in the order of the views: sRGB,
+    // linear, or a name of the files or of options.colorspace. NULL with cameras_only, after
+    // sgs_scene_create, and without memory.
+    char *color_spaces;
 } sgs_scene;
 
 // Loads a scene; release it with sgs_scene_destroy. options NULL = the defaults. Missing or
@@ -180,7 +184,8 @@ typedef struct sgs_scene {
 // relative path, the working directory must then be the same.
 //
 // Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
-// MASKS/STEM_mask.png, the same as JPEG and TIFF, and STEM_mask.png next to the photo. White (mean of the colours times alpha
+// MASKS/STEM_mask.png, the same as JPEG and TIFF, and STEM_mask.png next to the photo. White (mean
+// of the colours times alpha
 // >= 128; all but 0 if none is) is valid; alpha alone decides, with a warning, if it varies and the
 // visible colours have neither two values, as in a mask, nor are white. Last, instant-ngp's
 // dynamic_mask_STEM.png next to the photo: black is valid. A pixel of a down-scaled photo is valid

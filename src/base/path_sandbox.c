@@ -45,17 +45,19 @@ void sgsi_roots_free(sgsi_roots *roots)
     *roots = (sgsi_roots){0};
 }
 
-sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path)
+sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path, const char *option)
 {
     char *real = realpath(path, NULL);
     if (!real || is_inside(roots, real)) { // opening a missing one reports the error
         free(real);
         return SGS_STATUS_OK;
     }
-    const sgs_status status =
-        sgsi_fail(SGS_STATUS_FORMAT,
-                  "%s: symbolic link points outside the data set, to %s; replace it with the file",
-                  path, real);
+    const sgs_status status = sgsi_fail(
+        SGS_STATUS_FORMAT,
+        "%s: symbolic link points outside the data set, to %s; replace it with the file%s%s", path,
+        real,
+        option ? ", link the whole folder, or give the folder of its target with option " : "",
+        option ? option : "");
     free(real);
     return status;
 }

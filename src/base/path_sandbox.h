@@ -22,5 +22,5 @@ sgs_status sgsi_roots_add(sgsi_roots *roots, const char *folder);
 void sgsi_roots_free(sgsi_roots *roots);
 
 // Fails with FORMAT if `path` exists and resolves to a file outside of all folders; the error names
-// its target. Thread-safe.
-sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path);
+// its target and, if `option` is not NULL, this option for the folder of such files. Thread-safe.
+sgs_status sgsi_roots_check(const sgsi_roots *roots, const char *path, const char *option);

@@ -563,7 +563,9 @@ sgs_status sgsi_oiio_describe(const char *path, const char *colorspace, sgsi_ima
                  is_exr ? spec.x - spec.full_x : 0,
                  is_exr ? spec.y - spec.full_y : 0,
                  spec.get_int_attribute("Orientation", 1),
+                 {},
                  {}};
+        std::snprintf(info->space, SGSI_SPACE_SIZE, "%s", colors.name.c_str());
         for (int k = 0; k < SGSI_NOTES; ++k)
             std::snprintf(info->notes[k], SGSI_NOTE_SIZE, "%s", colors.notes[k].c_str());
         const OIIO::ParamValue *const profile = spec.find_attribute("ICCProfile");

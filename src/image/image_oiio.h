@@ -25,6 +25,7 @@ sgs_status sgsi_oiio_probe(const char *path, int *width, int *height, int *chann
 // What the user should check in a photo's file: which of several layers with colours it is; a
 // colour space that is unknown or contradicts others; an ICC profile that is not applied.
 enum { SGSI_NOTE_LAYER, SGSI_NOTE_COLOR, SGSI_NOTE_PROFILE, SGSI_NOTES, SGSI_NOTE_SIZE = 256 };
+enum { SGSI_SPACE_SIZE = 64 };
 
 // Properties of a photo's file that affect its decoding.
 typedef struct sgsi_image_info {
@@ -41,6 +42,7 @@ typedef struct sgsi_image_info {
     bool is_exr;
     int left, top;   // of an EXR file: position of the data window in the display window
     int orientation; // Exif, 1 to 8, of the file; not applied. 1 = upright, or not recorded
+    char space[SGSI_SPACE_SIZE]; // name of the colour space: of the file, or `colorspace`
     char notes[SGSI_NOTES][SGSI_NOTE_SIZE]; // for warnings that name the file; "" = none
 } sgsi_image_info;
 

@@ -131,6 +131,7 @@ bool use_interop(const std::string &id, Colors &colors)
         return false;
     const bool is_rec709 = sgsi_primaries_are_rec709(colors.space.chromaticities);
     colors.encoding = is_rec709 && colors.space.gamma == 0 ? Encoding::srgb : Encoding::linear;
+    colors.name = id;
     colors.scene_linear = colors.space.gamma == 1;
     colors.decodes = colors.encoding == Encoding::linear && !colors.scene_linear;
     colors.primaries =
@@ -155,18 +156,21 @@ sgs_status choose_named_colors(const char *path, const OIIO::ImageSpec &spec,
     const bool sampled = !colorspace && !spec.format.is_floating_point();
     if (is_srgb(name) || name == "cmyk" || name == "ycbcr" || (sampled && is_display_gamma(name))) {
         colors.encoding = Encoding::srgb;
+        colors.name = "sRGB";
         return SGS_STATUS_OK;
     }
     if (name == "linear" || is_linear_rec709(name) ||
         (name == "scene_linear" && !is_configured_role(colorspace, name))) {
         colors.encoding = Encoding::linear;
         colors.scene_linear = true;
+        colors.name = "linear";
         return SGS_STATUS_OK;
     }
     if (use_interop(name, colors)) // OpenImageIO 3 describes files by these IDs
         return SGS_STATUS_OK;
     const OIIO::ColorConfig config; // of the OCIO environment variable, or OpenImageIO's default
     colors.encoding = Encoding::other;
+    colors.name = one_line(space);
     if (!find_processor(config, space, colors))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
                          "%s: unknown colour space '%s'; choose with option colorspace from %s",
@@ -192,6 +196,7 @@ sgs_status choose_primaries(const char *path, const OIIO::ImageSpec &spec, Color
         sgsi_primaries_are_rec709(chromaticities))
         return SGS_STATUS_OK;
     colors.primaries = true;
+    colors.name = "linear with chromaticities";
     return sgsi_primaries_to_rec709(chromaticities, colors.matrix)
                ? SGS_STATUS_OK
                : sgsi_fail(SGS_STATUS_UNSUPPORTED,

@@ -29,6 +29,7 @@ enum class Encoding { srgb, linear, other };
 
 struct Colors {
     Encoding encoding = Encoding::srgb;
+    std::string name;                     // see sgsi_image_info
     OIIO::ColorProcessorHandle processor; // other: converts to linear light
     sgsi_interop_space space = {1, nullptr};
     bool decodes = false;          // from the curve of `space`

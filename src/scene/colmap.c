@@ -635,10 +635,14 @@ static bool binary_present(const char *folder)
     return file_present(folder, "cameras.bin") && file_present(folder, "images.bin");
 }
 
+static bool text_present(const char *folder)
+{
+    return file_present(folder, "cameras.txt") && file_present(folder, "images.txt");
+}
+
 bool sgsi_colmap_present(const char *folder)
 {
-    return binary_present(folder) ||
-           (file_present(folder, "cameras.txt") && file_present(folder, "images.txt"));
+    return binary_present(folder) || text_present(folder);
 }
 
 // A text file, without the byte order mark that some editors write.
@@ -710,6 +714,8 @@ sgs_status sgsi_colmap_read(const char *folder, sgsi_dataset *dataset)
     const bool binary = binary_present(folder);
     *dataset = (sgsi_dataset){.format = binary ? SGS_SCENE_COLMAP_BINARY : SGS_SCENE_COLMAP_TEXT};
     loader l = {.dataset = dataset};
+    if (binary && text_present(folder))
+        sgsi_warn("%s: contains the model as .bin and as .txt; the .txt files are ignored", folder);
     const sgsi_plain_numbers numbers = sgsi_plain_numbers_begin();
     const sgs_status status = read_model(&l, folder, binary);
     sgsi_plain_numbers_end(&numbers);

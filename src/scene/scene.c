@@ -43,6 +43,7 @@ void sgs_scene_destroy(sgs_scene *scene)
     sgsi_free(scene->path);
     sgsi_free(scene->model_path);
     sgsi_free(scene->colorspace);
+    sgsi_free(scene->color_spaces);
     sgsi_free(scene);
 }
 

@@ -172,6 +172,53 @@ enum { BASES = 3 };
 #define NERFSTUDIO_BASE "/colmap/sparse"
 static const char *const model_bases[BASES] = {"/sparse", NERFSTUDIO_BASE, ""};
 
+static bool is_scene(const char *path)
+{
+    static const char *const parts[] = {"sparse/0", "sparse", "colmap/sparse/0", ""};
+    static const char *const files[] = {"transforms_train.json", "transforms.json"};
+    bool found = false;
+    for (size_t i = 0; i < sizeof parts / sizeof *parts && !found; ++i) {
+        char *part = sgsi_format("%s/%s", path, parts[i]);
+        found = part && sgsi_colmap_present(part);
+        sgsi_free(part);
+    }
+    for (size_t i = 0; i < sizeof files / sizeof *files && !found; ++i) {
+        char *file = sgsi_format("%s/%s", path, files[i]);
+        found = file && sgsi_is_file(file);
+        sgsi_free(file);
+    }
+    return found;
+}
+
+static int is_visible(const struct dirent *entry)
+{
+    return entry->d_name[0] != '.';
+}
+
+// The first scene, by name, in the folders below `path`, such as COLMAP's dense/0; NULL if there is
+// none. `depth` limits the search.
+static char *find_nested_scene(const char *path, int depth)
+{
+    enum { LISTED = 200 };
+    struct dirent **entries = NULL;
+    const int count = scandir(path, &entries, is_visible, alphasort);
+    char *found = NULL;
+    for (int i = 0; i < count; ++i) {
+        const bool listed = !found && i < LISTED;
+        char *folder = listed ? sgsi_format("%s/%s", path, entries[i]->d_name) : NULL;
+        if (folder && sgsi_is_folder(folder) && is_scene(folder)) {
+            found = folder;
+            folder = NULL;
+        } else if (folder && depth > 1 && sgsi_is_folder(folder)) {
+            found = find_nested_scene(folder, depth - 1);
+        }
+        sgsi_free(folder);
+        free(entries[i]);
+    }
+    free(entries);
+    return found;
+}
+
 // Reports an incompletely copied model; otherwise that no scene was found.
 static sgs_status report_missing(const char *path)
 {
@@ -200,6 +247,14 @@ static sgs_status report_missing(const char *path)
         sgsi_free(images);
         if (status)
             return status;
+    }
+    char *nested = find_nested_scene(path, 2);
+    if (nested) {
+        const sgs_status status = sgsi_fail(
+            SGS_STATUS_IO, "%s: no scene found, but there is one in %s; specify this folder", path,
+            nested);
+        sgsi_free(nested);
+        return status;
     }
     return sgsi_fail(
         SGS_STATUS_IO,
@@ -509,7 +564,7 @@ static void search_link(search *s, const char *name)
     int depth = 1;
     for (const char *c = name; *c; ++c)
         depth += *c == '/';
-    if (path && !sgsi_roots_check(s->what->roots, path))
+    if (path && !sgsi_roots_check(s->what->roots, path, NULL))
         search_folder(s, name, depth);
     sgsi_free(path);
 }

@@ -27,15 +27,16 @@ typedef struct sgsi_view_slot {
     int file_width, file_height; // before downscaling; of the display window if it is shown
     int width, height;           // after downscaling
     int channels;
-    bool scene_linear;   // see sgsi_image_info
-    size_t bytes;        // decoded size of the photo
-    size_t decode_bytes; // see sgsi_photo_decode_bytes
-    bool halves;         // it is kept in half floats
-    bool dynamic_mask;   // see sgsi_mask_file
-    double circle;       // radius of the image circle after downscaling, 0 = no circle
-    size_t lens;         // index into sgsi_scene_loader.lenses
-    bool dropped;        // not among options.kept
-    bool cached;         // if the photos exceed the image cache: it keeps this one from the start
+    bool scene_linear;           // see sgsi_image_info
+    char space[SGSI_SPACE_SIZE]; // likewise
+    size_t bytes;                // decoded size of the photo
+    size_t decode_bytes;         // see sgsi_photo_decode_bytes
+    bool halves;                 // it is kept in half floats
+    bool dynamic_mask;           // see sgsi_mask_file
+    double circle;               // radius of the image circle after downscaling, 0 = no circle
+    size_t lens;                 // index into sgsi_scene_loader.lenses
+    bool dropped;                // not among options.kept
+    bool cached; // if the photos exceed the image cache: it keeps this one from the start
     sgsi_photo_report report;
 } sgsi_view_slot;
 

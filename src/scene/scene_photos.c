@@ -8,6 +8,7 @@
 #include "scene/scene_loader.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "base/core.h"
 #include "base/threads.h"
@@ -86,9 +87,9 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
     sgsi_view_slot *s = &l->slots[i];
     const char *path = l->scene->views[i].image_path, *mask = l->scene->views[i].mask_path;
     sgsi_image_info info = {0};
-    s->status = sgsi_roots_check(&l->roots, path);
+    s->status = sgsi_roots_check(&l->roots, path, "images_dir");
     if (!s->status && mask)
-        s->status = sgsi_roots_check(&l->roots, mask);
+        s->status = sgsi_roots_check(&l->roots, mask, "masks_dir");
     if (s->status) {
         keep_error(s);
         return;
@@ -108,6 +109,7 @@ static void probe_photo(const sgsi_scene_loader *l, size_t i)
         s->notes[k] = info.notes[k][0] ? sgsi_strdup(info.notes[k]) : NULL;
     s->channels = info.channels;
     s->scene_linear = info.scene_linear;
+    memcpy(s->space, info.space, sizeof s->space);
     l->scene->views[i].orientation = info.orientation;
     s->bytes = sgsi_photo_bytes(&info, l->options->space, s->width, s->height);
     s->decode_bytes = sgsi_photo_decode_bytes(&info);

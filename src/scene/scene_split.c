@@ -7,6 +7,7 @@
 #include "scene/scene_split.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <xxhash.h>
@@ -95,11 +96,15 @@ static sgs_status unknown_test_image(const sgs_scene *scene, const char *name)
             }
         }
     }
+    char text[1024] = "";
+    for (size_t k = 0, used = 0; k < 3 && nearest[k] && used < sizeof text; ++k) {
+        const int n =
+            snprintf(text + used, sizeof text - used, "%s'%.300s'", k ? ", " : "", nearest[k]);
+        used += n > 0 ? (size_t)n : 0;
+    }
     return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                     "%s: no view named '%.200s' to hold out; the nearest names are %s%s%s%s%s",
-                     scene->path, name, nearest[0], nearest[1] ? ", " : "",
-                     nearest[1] ? nearest[1] : "", nearest[2] ? ", " : "",
-                     nearest[2] ? nearest[2] : "");
+                     "%s: no view named '%.200s' to hold out; the nearest names are %s",
+                     scene->path, name, text);
 }
 
 static sgs_status hold_out(sgs_scene *scene, const char *name)
@@ -116,24 +121,43 @@ static sgs_status hold_out(sgs_scene *scene, const char *name)
     return SGS_STATUS_OK;
 }
 
+// Holds out the first name of a list; *rest: the others. The name may contain commas: the longest
+// text that names a view counts.
+static sgs_status hold_out_first(sgs_scene *scene, const char *list, const char **rest)
+{
+    enum { PARTS = 4 };
+    const char *ends[PARTS];
+    size_t parts = 0;
+    for (const char *end = list; parts < PARTS && (!parts || *ends[parts - 1]); ++end)
+        if (*end == ',' || !*end)
+            ends[parts++] = end;
+    sgs_status status = SGS_STATUS_OK;
+    list += strspn(list, " ");
+    for (bool found = false; parts && !found;) {
+        const char *end = ends[--parts];
+        *rest = end + (*end == ',');
+        while (end > list && end[-1] == ' ')
+            --end;
+        char *name = sgsi_format("%.*s", (int)(end > list ? end - list : 0), list);
+        if (!name)
+            return sgsi_scene_no_memory(scene->path);
+        found = sgs_scene_find_view(scene, name) >= 0;
+        if (found || (!parts && *name))
+            status = hold_out(scene, name);
+        sgsi_free(name);
+    }
+    return status;
+}
+
 static sgs_status split_by_names(sgs_scene *scene, const char *list)
 {
     for (size_t i = 0; i < scene->view_count; ++i)
         scene->views[i].split = SGS_SPLIT_TRAIN;
-    char *names = sgsi_strdup(list);
-    if (!names)
-        return sgsi_scene_no_memory(scene->path);
+    if (sgs_scene_find_view(scene, list) >= 0)
+        return hold_out(scene, list);
     sgs_status status = SGS_STATUS_OK;
-    char *rest = NULL;
-    for (char *name = strtok_r(names, ",", &rest); name && !status;
-         name = strtok_r(NULL, ",", &rest)) {
-        name += strspn(name, " ");
-        for (size_t length = strlen(name); length && name[length - 1] == ' '; --length)
-            name[length - 1] = 0;
-        if (*name)
-            status = hold_out(scene, name);
-    }
-    sgsi_free(names);
+    while (*list && !status)
+        status = hold_out_first(scene, list, &list);
     return status;
 }
 

@@ -226,6 +226,9 @@ typedef struct view_tally {
     char *first_emptied; // its path, or NULL without memory
     size_t lens_warnings;
     const char *first_mismatched; // name
+    int first_orientation;        // of its file
+    const char *first_linear;     // path of its file
+    const char *spaces[8];        // distinct colour spaces of the photos; more are not listed
     bool downscaled;
 } view_tally;
 
@@ -375,11 +378,21 @@ static void keep_view(sgsi_scene_loader *l, size_t i, size_t to, view_tally *tal
         scene->views[to] = *view;
         return;
     }
-    if (!has_camera_aspect(l, i) && tally->mismatched++ == 0)
+    if (!has_camera_aspect(l, i) && tally->mismatched++ == 0) {
         tally->first_mismatched = view->name;
+        tally->first_orientation = view->orientation;
+    }
     if (s->width > 0 && s->file_width > scene->reduction * s->width)
         scene->reduction = (double)s->file_width / s->width;
     tally->downscaled |= l->options->downscale == 0 && s->width != s->file_width;
+    if (s->scene_linear && !tally->first_linear)
+        tally->first_linear = view->image_path;
+    for (size_t k = 0; *s->space && k < sizeof tally->spaces / sizeof *tally->spaces; ++k) {
+        if (!tally->spaces[k])
+            tally->spaces[k] = s->space;
+        if (!strcmp(tally->spaces[k], s->space))
+            break;
+    }
     scene->has_alpha |= s->channels == 4;
     scene->masks += view->mask_path != NULL;
     scene->photo_bytes += s->bytes;
@@ -416,6 +429,24 @@ static sgs_status report_no_views(const sgsi_scene_loader *l, size_t count, cons
                                          : "unknown error");
 }
 
+// Lists the colour spaces of the photos; warns of photos of both kinds.
+static void describe_colors(sgs_scene *scene, const view_tally *tally)
+{
+    for (size_t k = 0; k < sizeof tally->spaces / sizeof *tally->spaces && tally->spaces[k]; ++k) {
+        char *longer = k ? sgsi_format("%s, %s", scene->color_spaces, tally->spaces[k])
+                         : sgsi_strdup(tally->spaces[k]);
+        sgsi_free(scene->color_spaces);
+        scene->color_spaces = longer;
+        if (!longer)
+            return;
+    }
+    if (tally->first_linear && scene->linear_images < scene->view_count)
+        sgsi_warn("%s: %zu of %zu images hold linear light, first %s, which the white level "
+                  "applies to, but the others are encoded for display; use images of one kind, or "
+                  "name the colour space of all with option colorspace",
+                  scene->path, scene->linear_images, scene->view_count, tally->first_linear);
+}
+
 static void warn_about_views(const sgsi_scene_loader *l, const view_tally *tally)
 {
     sgs_scene *scene = l->scene;
@@ -434,10 +465,17 @@ static void warn_about_views(const sgsi_scene_loader *l, const view_tally *tally
             "%s: images wider than %d px are reduced to %d px; use option downscale 1 to keep "
             "their size",
             scene->path, SGSI_AUTOMATIC_WIDTH, SGSI_AUTOMATIC_WIDTH);
-    if (tally->mismatched)
+    if (tally->mismatched && tally->first_orientation >= 5) // width and height are exchanged
+        sgsi_warn(
+            "%s: aspect ratio of %zu image(s), first '%s', differs from their camera; its EXIF "
+            "orientation %d is not applied: rotate the pixels of the photos by it, or estimate "
+            "the cameras of the photos as they are stored",
+            scene->path, tally->mismatched, tally->first_mismatched, tally->first_orientation);
+    else if (tally->mismatched)
         sgsi_warn("%s: aspect ratio of %zu image(s), first '%s', differs from their camera; were "
                   "they rotated or cropped?",
                   scene->path, tally->mismatched, tally->first_mismatched);
+    describe_colors(scene, tally);
     sgsi_scene_warn_centers(scene);
 }
 

@@ -280,7 +280,8 @@ static size_t mark_listed(const frame_index *index, const char *key, sgs_split s
 {
     const json_t *names = json_object_get(index->root, key), *entry;
     const size_t count = index->dataset->frame_count;
-    size_t i, unknown = 0, first = 0;
+    size_t i, unknown = 0;
+    char first[256] = "";
     json_array_foreach(names, i, entry)
     {
         char *name = listed_name(index->path, entry);
@@ -291,14 +292,15 @@ static size_t mark_listed(const frame_index *index, const char *key, sgs_split s
             (*found)->split = split;
             index->listed[*found - index->dataset->frames] = true;
         } else if (unknown++ == 0) {
-            first = i;
+            if (json_is_string(entry))
+                snprintf(first, sizeof first, "'%.200s'", json_string_value(entry));
+            else
+                snprintf(first, sizeof first, "entry %zu, which is not a string", i);
         }
     }
     if (unknown)
-        sgsi_warn(
-            "%s: %zu of %zu entries of '%s' match no frame and are ignored; the first is entry "
-            "%zu",
-            index->path, unknown, json_array_size(names), key, first);
+        sgsi_warn("%s: %zu of %zu entries of '%s' match no frame and are ignored, first %s",
+                  index->path, unknown, json_array_size(names), key, first);
     return json_array_size(names) - unknown;
 }
 
@@ -373,11 +375,14 @@ static void read_points(const char *path, const json_t *root, sgsi_dataset *data
     char *folder = sibling_path(path, ".");
     sgsi_roots roots = {0};
     if (problem)
-        sgsi_warn("%s: 'ply_file_path' %s; the scene has no points", path, problem);
-    else if (!cloud || sgsi_roots_add(&roots, folder) || sgsi_roots_check(&roots, cloud) ||
+        sgsi_warn(
+            "%s: 'ply_file_path' %s; the scene has no points, and training starts from random "
+            "ones",
+            path, problem);
+    else if (!cloud || sgsi_roots_add(&roots, folder) || sgsi_roots_check(&roots, cloud, NULL) ||
              sgsi_point_cloud_read(cloud, &dataset->point_count, &dataset->points,
                                    &dataset->colors))
-        sgsi_warn("%s; the scene has no points",
+        sgsi_warn("%s; the scene has no points, and training starts from random ones",
                   cloud ? sgs_last_error() : "not enough memory for the points");
     sgsi_roots_free(&roots);
     sgsi_free(folder);

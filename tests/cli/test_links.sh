@@ -42,11 +42,17 @@ for name in out.jpg folder/inside.jpg; do
     model a.jpg "$name"
     run 0 info "$set_up"
     reports "symbolic link points outside the data set"
-    reports "secret/inside.jpg; replace it with the file; the view is skipped"
+    reports "secret/inside.jpg; replace it with the file, link the whole folder, or give the folder of its target with --images; the"
     model "$name"
     run 1 info "$set_up"
     reports "symbolic link points outside the data set"
 done
+
+# the_folder_of_the_target_may_be_given
+model inside.jpg
+ln -s "$secret/inside.jpg" "$set_up/images/inside.jpg"
+run 0 info "$set_up" --images "$secret" --json
+json "$temporary/stdout" '.views == 1 and .images_missing == 0'
 
 # the_image_folder_may_be_a_link
 mv "$set_up/images" "$temporary/elsewhere"
@@ -62,6 +68,7 @@ run 0 info "$set_up"
 mv "$temporary/masks/a.png" "$set_up/masks"
 run 1 info "$set_up"
 reports "$set_up/masks/a.png: symbolic link points outside the data set"
+reports "link the whole folder, or give the folder of its target with --masks"
 rm -r "$set_up/masks" "$temporary/masks"
 
 # the_same_for_transforms, its_cloud_and_its_masks
@@ -80,6 +87,7 @@ transforms images/out.jpg cloud.ply
 run 0 info "$nerf"
 reports "out.jpg: symbolic link points outside the data set"
 reports "cloud.ply: symbolic link points outside the data set"
+check no_option_selects_a_cloud bash -c '! grep "cloud.ply: symbolic" "$0" | grep -q -- --images' "$temporary/stderr"
 transforms ../secret/inside.jpg ../secret/cloud.ply
 run 1 info "$nerf"
 reports "leaves the image folder"

@@ -67,7 +67,7 @@ static void listed_names_are_those_of_frames(void **state)
     tree_put_picture(&folder, "c.png", 8, 8, 3, white);
     tree_put_picture(&folder, "d.sgi", 8, 8, 3, white);
     tree_put_text(&folder, "transforms.json",
-                  GLOBAL "\"train_filenames\":[\"./a.sgi\",\"b\",\"\",\"../x\"],"
+                  GLOBAL "\"train_filenames\":[\"./a.sgi\",\"b\",\"typo.png\",\"../x\"],"
                          "\"val_filenames\":[\"c\"],\"frames\":[" FRAME("a.sgi") "," FRAME(
                              "b") "," FRAME("c.png") "," FRAME("d.sgi") "]}");
     if (sgs_scene_load(folder.path, NULL, &scene))
@@ -77,7 +77,8 @@ static void listed_names_are_those_of_frames(void **state)
     assert_string_equal(scene->views[1].name, "b");
     assert_string_equal(scene->views[2].name, "c.png");
     assert_int_equal(scene->views[1].image.pixels[0], 255);
-    assert_holds(warnings, "2 of 4 entries of 'train_filenames' match no frame");
+    assert_holds(warnings, "2 of 4 entries of 'train_filenames' match no frame and are ignored, "
+                           "first 'typo.png'\n");
     assert_holds(warnings, "and are not used, first 'd.sgi'");
     sgs_scene_destroy(scene);
     tree_remove(&folder);

@@ -372,7 +372,7 @@ static void views_are_held_out_by_index_or_by_name(void **state)
     options.test_images = "a.png,bb.png";
     assert_refused(folder.path, &options, SGS_STATUS_INVALID_ARGUMENT,
                    "no view named 'bb.png' to hold out; the nearest names "
-                   "are b.png, a.png, sub/c.png");
+                   "are 'b.png', 'a.png', 'sub/c.png'");
     options.test_images = NULL;
     options.test_every = 1;
     assert_refused(folder.path, &options, SGS_STATUS_INVALID_ARGUMENT, "all 4 views are held out");

@@ -223,6 +223,177 @@ static void the_error_without_photos_names_the_folder_to_use(void **state)
     }
 }
 
+// HDR files and JPEG files in one scene: the white level applies to the former only.
+static void photos_of_both_kinds_are_reported(void **state)
+{
+    (void)state;
+    const temp_folder folder = scene_make("sparse/0/", true, "images");
+    static float light[32 * 24 * 3];
+    for (size_t i = 0; i < sizeof light / sizeof *light; ++i)
+        light[i] = 0.5f;
+    assert_int_equal(unlink(temp_path(&folder, "images/b.png")), 0);
+    tiff_put(&folder, "images/b.tif", &(tiff){32, 24, 3, 32, 2, 3, 0}, light, sizeof light);
+    char text[1024];
+    for (int photos = 0; photos < 2; ++photos) {
+        sgs_scene_options options = sgs_scene_options_default();
+        options.load_images = photos;
+        warnings[0] = 0;
+        sgs_scene *scene = load(folder.path, &options);
+        assert_int_equal(scene->linear_images, 1);
+        assert_string_equal(scene->color_spaces, "sRGB, linear");
+        snprintf(
+            text, sizeof text,
+            "%s: 1 of 4 images hold linear light, first %s/images/b.tif, which the white level "
+            "applies to, but the others are encoded for display",
+            folder.path, folder.path);
+        assert_holds(warnings, text);
+        sgs_scene_destroy(scene);
+    }
+    sgs_scene_options options = sgs_scene_options_default();
+    options.colorspace = "lin_rec709";
+    warnings[0] = 0;
+    sgs_scene *scene = load(folder.path, &options);
+    assert_int_equal(scene->linear_images, 4);
+    assert_string_equal(scene->color_spaces, "lin_rec709");
+    assert_string_equal(warnings, "");
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
+static void names_of_test_images_may_contain_commas(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *list, *held_out; // of a, b, c, d
+    } cases[] = {{"a, 1.png", "1000"},
+                 {"a, 1", "1000"},
+                 {"a, 1.png,c.png", "1010"},
+                 {" c.png , a, 1.png ,", "1010"},
+                 {"b,,x,,,y.png", "0100"},
+                 {"b,,x,,,y.png,a, 1.png", NULL},
+                 {"d.png,c.png,a, 1.png", "1011"}};
+    const temp_folder folder = temp_folder_make();
+    model m = model_make();
+    m.images[0].name = "a, 1.png";
+    m.images[1].name = "b,,x,,,y.png";
+    m.images[2].name = "c.png";
+    m.images[3].name = "d.png";
+    model_put(&folder, "sparse/0/", &m, true);
+    model_put_pictures(&folder, "images", &m, (picture){32, 24, 3, red});
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        sgs_scene_options options = sgs_scene_options_default();
+        options.test_images = cases[i].list;
+        sgs_scene *scene;
+        const sgs_status status = sgs_scene_load(folder.path, &options, &scene);
+        if (!cases[i].held_out) { // more than three commas, in a list
+            assert_int_equal(status, SGS_STATUS_INVALID_ARGUMENT);
+            assert_holds(sgs_last_error(),
+                         "no view named 'b' to hold out; the nearest names are '");
+            continue;
+        }
+        assert_int_equal(status, SGS_STATUS_OK);
+        for (size_t v = 0; v < 4; ++v)
+            assert_int_equal(scene->views[v].split,
+                             cases[i].held_out[v] == '1' ? SGS_SPLIT_TEST : SGS_SPLIT_TRAIN);
+        sgs_scene_destroy(scene);
+    }
+    tree_remove(&folder);
+}
+
+// A JPEG file that asks viewers to turn it: Exif tag 274 in the segment APP1 (Exif 2.3, 4.5.4 and
+// 4.6.4).
+static void put_turned(const temp_folder *folder, const char *name, int orientation)
+{
+    const unsigned char segment[] = {
+        0xff, 0xe1, 0,   34, 'E', 'x', 'i', 'f', 0,
+        0, // TIFF header:
+        'I',  'I',  '*', 0,  8,   0,   0,   0,   1,
+        0, // one entry
+        0x12, 1,    3,   0,  1,   0,   0,   0,   (unsigned char)orientation,
+        0,    0,    0,   0,  0,   0,   0};
+    size_t size;
+    unsigned char *photo = file_get(SGSI_TEST_DATA "/room/images/0001.jpg", &size);
+    unsigned char *turned = malloc(size + sizeof segment);
+    assert_non_null(turned);
+    memcpy(turned, photo, 2);
+    memcpy(turned + 2, segment, sizeof segment);
+    memcpy(turned + 2 + sizeof segment, photo + 2, size - 2);
+    tree_put(folder, name, turned, size + sizeof segment);
+    free(photo);
+    free(turned);
+}
+
+static void turned_photos_are_explained_by_their_orientation(void **state)
+{
+    (void)state;
+    for (int k = 0; k < 3; ++k) {
+        const temp_folder folder = temp_folder_make();
+        static const int orientations[] = {1, 6, 8};
+        put_turned(&folder, "a.jpg", orientations[k]);
+        tree_put_text(
+            &folder, "transforms.json",
+            "{\"w\": 270, \"h\": 480, \"fl_x\": 230, \"frames\": [{\"file_path\": \"a.jpg\","
+            " \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}");
+        warnings[0] = 0;
+        sgs_scene *scene = load(folder.path, NULL);
+        assert_int_equal(scene->views[0].orientation, orientations[k]);
+        assert_holds(warnings,
+                     "aspect ratio of 1 image(s), first 'a.jpg', differs from their camera");
+        assert_holds(warnings, k == 0 ? "; were they rotated or cropped?"
+                               : k == 1
+                                   ? "; its EXIF orientation 6 is not applied: rotate the pixels"
+                                   : "; its EXIF orientation 8 is not applied: rotate the pixels");
+        sgs_scene_destroy(scene);
+        tree_remove(&folder);
+    }
+}
+
+// COLMAP's automatic_reconstructor writes dense/0, image_undistorter dense.
+static void scenes_below_the_folder_are_named(void **state)
+{
+    (void)state;
+    static const char *const places[][2] = {{"dense/0/sparse/", "dense/0"},
+                                            {"dense/sparse/", "dense"},
+                                            {"dense/sparse/0/", "dense"},
+                                            {"model/", "model"}};
+    sgs_scene *scene;
+    char text[600];
+    for (size_t i = 0; i < sizeof places / sizeof *places; ++i) {
+        const temp_folder folder = scene_make(places[i][0], true, "dense/0/images");
+        tree_put_text(&folder, "more/a.txt", "");
+        assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_IO);
+        snprintf(text, sizeof text, "%s: no scene found, but there is one in %s/%s; specify this ",
+                 folder.path, folder.path, places[i][1]);
+        assert_holds(sgs_last_error(), text);
+        bad_input();
+        tree_remove(&folder);
+    }
+    const temp_folder folder = temp_folder_make();
+    tree_put_text(&folder, "nerf/transforms.json", "{}");
+    assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_IO);
+    assert_holds(sgs_last_error(), "/nerf; specify this folder");
+    bad_input();
+    tree_remove(&folder);
+}
+
+static void text_files_beside_binary_ones_are_reported(void **state)
+{
+    (void)state;
+    const temp_folder folder = scene_make("sparse/0/", true, "images");
+    model m = model_make();
+    sgs_scene *scene = load(folder.path, NULL);
+    assert_string_equal(warnings, "");
+    sgs_scene_destroy(scene);
+    m.image_count = 2;
+    model_put(&folder, "sparse/0/", &m, false);
+    scene = load(folder.path, NULL);
+    assert_int_equal(scene->view_count, MODEL_IMAGES);
+    assert_holds(warnings, "/sparse/0: contains the model as .bin and as .txt; the .txt files are "
+                           "ignored\n");
+    sgs_scene_destroy(scene);
+    tree_remove(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -231,6 +402,11 @@ int main(void)
         cmocka_unit_test_setup(missing_photos_with_similar_names_are_explained_once,
                                warnings_begin),
         cmocka_unit_test_setup(the_error_without_photos_names_the_folder_to_use, warnings_begin),
+        cmocka_unit_test_setup(photos_of_both_kinds_are_reported, warnings_begin),
+        cmocka_unit_test_setup(names_of_test_images_may_contain_commas, warnings_begin),
+        cmocka_unit_test_setup(turned_photos_are_explained_by_their_orientation, warnings_begin),
+        cmocka_unit_test_setup(scenes_below_the_folder_are_named, warnings_begin),
+        cmocka_unit_test_setup(text_files_beside_binary_ones_are_reported, warnings_begin),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

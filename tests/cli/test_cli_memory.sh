@@ -86,8 +86,9 @@ json "$temporary/cached/config.json" '.image_cache == 1073741824'
 check no_note_if_all_images_fit test "$(grep -c 'image cache' "$temporary/stderr")" = 0
 run 0 train "$room" --downscale 8 --iterations 2 --checkpoint-every 0 -o "$temporary/uncached" --image-cache 110000
 json "$temporary/uncached/config.json" '.image_cache == 110000'
-reports "about 17 of 35 images fit in the image cache (0.00 of 0.00 GiB)"
+reports "about 17 of 35 images fit in the image cache (107.42 of 212.05 KiB)"
 reports "raise --image-cache"
+reports "warning: --image-cache is 110000 bytes, less than 1 MiB; append a unit, for example 4GiB"
 check notes_once test "$(grep -c 'image cache' "$temporary/stderr")" = 1
 check the_cache_does_not_change_the_model cmp <(jq .model_hash "$temporary/cached/summary.json") <(jq .model_hash "$temporary/uncached/summary.json")
 run 0 train "$room" --downscale 8 --iterations 2 --checkpoint-every 0 -o "$temporary/uncached" --image-cache 110000 --overwrite --quiet

@@ -27,6 +27,7 @@ case $command in
 feature_extractor) echo "Processed file [1/3]"; echo x >"$(value --database_path "$@")" ;;
 mapper)
     out=$(value --output_path "$@")
+    [ -z "${APART:-}" ] || { printf '  => No good initial image pair found.\n\nElapsed time: 0.370 [minutes]\nERROR: failed to create sparse model\n'; exit 1; }
     [ -z "${FAIL:-}" ] || { echo "loading"; echo "ERROR: the database is empty" >&2; exit 7; }
     [ -z "${SLOW:-}" ] || { echo $$ >"$CALLS.pid"; exec sleep 60; }
     [ -z "${NONE:-}" ] || exit 0
@@ -173,6 +174,11 @@ reports "second/colmap/mapper.log: colmap mapper failed with status 7: loading |
 : >"$CALLS"
 with_standin run 0 reconstruct "$photos" -o "$temporary/second" --quiet
 check features_and_matches_were_kept test "$(grep -c '^---' "$CALLS")" = 2
+
+# photos_without_overlap_are_explained (the last lines of COLMAP 3.8)
+APART=1 with_standin run 1 reconstruct "$photos" -o "$temporary/apart" --quiet
+one_line
+reports "=> No good initial image pair found. | Elapsed time: 0.370 [minutes] | ERROR: failed to create sparse model; take photos with more overlap, or try --matcher exhaustive or another --camera-model"
 
 # a_damaged_state_is_an_error_that_keeps_features_and_matches
 state=$temporary/second/colmap/state.json

@@ -223,6 +223,10 @@ int scene_resolve(scene_values *values, const command_line *line, const json_t *
             "--eval, --test-every and --test-images are mutually exclusive; choose one");
     if (values->test_images && !values->test_images[strspn(values->test_images, ",")])
         return fail_usage("--test-images: '%s' contains no name", values->test_images);
+    if (option_given(line, "image-cache") && values->cache_bytes && values->cache_bytes < 1 << 20)
+        print_warning(
+            "--image-cache is %llu bytes, less than 1 MiB; append a unit, for example 4GiB",
+            (unsigned long long)values->cache_bytes);
     if (values->masks && !strcmp(values->masks, "none") && option_given(line, "invert-masks"))
         return refuse_idle(line, "invert-masks", "with --masks none");
     if (values->eval)
@@ -287,13 +291,19 @@ static sgs_status load_cameras(const char *path, sgs_scene_options *options, sgs
 // Images beyond the cache can make decoding the slowest part of a training run.
 static void note_cache(const sgs_scene *scene, uint64_t bytes)
 {
-    const double limit = (double)bytes, all = (double)scene->photo_bytes;
+    const double limit = (double)bytes, all = (double)scene->photo_bytes,
+                 unit = limit >= 0x1p30   ? 0x1p30
+                        : limit >= 0x1p20 ? 0x1p20
+                                          : 0x1p10;
     if (scene->store)
-        print_note("%s: about %.0f of %zu images fit in the image cache (%.2f of %.2f GiB); the "
+        print_note("%s: about %.0f of %zu images fit in the image cache (%.2f of %.2f %s); the "
                    "others are decoded each time they are used; raise --image-cache if the memory "
                    "suffices",
                    scene->path, floor((double)scene->view_count * limit / all), scene->view_count,
-                   limit / 0x1p30, all / 0x1p30);
+                   limit / unit, all / unit,
+                   unit == 0x1p30   ? "GiB"
+                   : unit == 0x1p20 ? "MiB"
+                                    : "KiB");
 }
 
 // with_photos: fails without them, as a load of images does.

@@ -187,6 +187,19 @@ static json_t *describe_cameras(const sgs_scene *scene)
     return list;
 }
 
+// The parts of a text that ", " separates. NULL: none.
+static json_t *words(const char *text)
+{
+    json_t *list = json_array();
+    while (text && *text) {
+        const char *comma = strstr(text, ", ");
+        const size_t length = comma ? (size_t)(comma - text) : strlen(text);
+        json_array_append_new(list, json_message(text, length));
+        text += length + (comma ? 2 : 0);
+    }
+    return list;
+}
+
 static bool describe_scene(const char *path, const scene_values *data, json_t *root)
 {
     static const char *const formats[] = {[SGS_SCENE_COLMAP_BINARY] = "COLMAP, binary",
@@ -207,6 +220,9 @@ static bool describe_scene(const char *path, const scene_values *data, json_t *r
     json_object_set_new(root, "images_missing", json_integer((json_int_t)scene->images_missing));
     json_object_set_new(root, "images_unposed", json_integer((json_int_t)scene->images_unposed));
     json_object_set_new(root, "has_alpha", json_boolean(scene->has_alpha));
+    json_object_set_new(root, "masks", json_integer((json_int_t)scene->masks));
+    json_object_set_new(root, "linear_images", json_integer((json_int_t)scene->linear_images));
+    json_object_set_new(root, "color_spaces", words(scene->color_spaces));
     json_object_set_new(root, "cameras", describe_cameras(scene));
     json_object_set_new(root, "center", numbers(scene->center, 3));
     json_object_set_new(root, "extent", json_number(scene->extent));
@@ -276,7 +292,7 @@ static void print_value(const json_t *value)
         fputs("none", stdout);
     } else if (json_is_array(value)) {
         for (size_t i = 0; i < json_array_size(value); ++i) {
-            fputs(i ? " " : "", stdout);
+            fputs(!i ? "" : json_is_string(json_array_get(value, i)) ? ", " : " ", stdout);
             print_value(json_array_get(value, i));
         }
     } else {
@@ -367,8 +383,9 @@ int command_info(int argc, char **argv)
     if (!is_model(path) && is_unsaved_run(path))
         return fail_run("%s: is a run without a saved model yet; wait for its first save", path);
     if (model_is(path))
-        warn_idle(&call.line, "images|downscale|eval|test-every|test-images", "on a model");
-    warn_idle(&call.line, "masks|invert-masks|alpha|image-cache|input-colorspace|train-space|white",
+        warn_idle(&call.line, "images|masks|input-colorspace|downscale|eval|test-every|test-images",
+                  "on a model");
+    warn_idle(&call.line, "invert-masks|alpha|image-cache|train-space|white",
               "on info, which reads no photos");
     json_t *root = json_object();
     const bool done =

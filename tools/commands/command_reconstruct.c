@@ -309,8 +309,12 @@ static int run_colmap(const reconstruction *run, const char *const *arguments,
                           strerror(reason));
     } else if (status) {
         char *tail = child_tail(&child);
+        const bool apart = strstr(tail, "No good initial image pair found");
         result =
-            fail_run("%s: colmap %s failed with status %d: %s", log, arguments[1], status, tail);
+            fail_run("%s: colmap %s failed with status %d: %s%s", log, arguments[1], status, tail,
+                     apart ? "; take photos with more overlap, or try --matcher exhaustive or "
+                             "another --camera-model"
+                           : "");
         free(tail);
     }
     free(log);

@@ -100,15 +100,29 @@ static ptrdiff_t *find_views(const sgs_scene *scene, const json_t *list, const c
     return views;
 }
 
+static bool is_center_of_any(const json_t *camera, const sgs_scene *scene, double tolerance)
+{
+    for (size_t v = 0; v < scene->view_count; ++v)
+        if (has_center(camera, &scene->views[v], tolerance))
+            return true;
+    return false;
+}
+
 void run_record_check_scene(const char *folder, const sgs_scene *scene)
 {
     json_t *cameras = load_cameras(folder);
     const size_t count = json_array_size(cameras);
+    const double tolerance = 1e-4 * scene->extent;
     ptrdiff_t *views = find_views(scene, cameras, "img_name");
     size_t same = 0;
-    for (size_t k = 0; views && k < count; ++k)
-        same += views[k] >= 0 && has_center(json_array_get(cameras, k), &scene->views[views[k]],
-                                            1e-4 * scene->extent);
+    for (size_t k = 0; views && k < count; ++k) {
+        const json_t *camera = json_array_get(cameras, k);
+        const char *name = json_string_value(json_object_get(camera, "img_name"));
+        if (views[k] >= 0)
+            same += has_center(camera, &scene->views[views[k]], tolerance);
+        else if (name && strchr(name, '?')) // instead of bytes that are not UTF-8
+            same += is_center_of_any(camera, scene, tolerance);
+    }
     free(views);
     if (count && 2 * same < scene->view_count)
         print_warning("%s: %zu of %zu cameras match those of the run %s; the scores compare "

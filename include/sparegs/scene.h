@@ -185,11 +185,10 @@ typedef struct sgs_scene {
 //
 // Masks are looked up as MASKS/STEM.png, MASKS/NAME.png (NAME with the photo's extension),
 // MASKS/STEM_mask.png, the same as JPEG and TIFF, and STEM_mask.png next to the photo. White (mean
-// of the colours times alpha
-// >= 128; all but 0 if none is) is valid; alpha alone decides, with a warning, if it varies and the
-// visible colours have neither two values, as in a mask, nor are white. Last, instant-ngp's
-// dynamic_mask_STEM.png next to the photo: black is valid. A pixel of a down-scaled photo is valid
-// if its whole area is.
+// of the colours times alpha >= 128; all but 0 if none is) is valid. Alpha alone decides, with a
+// warning, if it varies and the visible colours are neither white nor, as in a mask, of two values.
+// Last, instant-ngp's dynamic_mask_STEM.png next to the photo: black is valid. A pixel of a
+// down-scaled photo is valid if its whole area is.
 //
 // Fails with INVALID_ARGUMENT (options; all views held out; masks exclude everything), IO (a file
 // is missing or not accessible, or no image is readable), FORMAT (invalid file, no lens with a ray,

@@ -321,21 +321,22 @@ static sgs_status choose_json(const char *path, const char *base, sgsi_scene_fil
 
 static sgs_status find_in_folder(const char *path, const char *images_dir, sgsi_scene_files *files)
 {
-    size_t i = 0;
-    for (; i < BASES && !files->model_path; ++i) {
-        char *base = sgsi_format("%s%s", path, model_bases[i]);
+    const char *last = "";
+    for (size_t i = 0; i < BASES && !files->model_path; ++i) {
+        last = model_bases[i];
+        char *base = sgsi_format("%s%s", path, last);
         const sgs_status status = base ? find_model(base, &files->model_path) : no_memory(path);
         sgsi_free(base);
         if (status)
             return status;
     }
-    const sgs_status status = choose_json(path, model_bases[i - 1], files);
+    const sgs_status status = choose_json(path, last, files);
     if (status || files->image_folder)
         return status;
     if (!files->model_path)
         return report_missing(path);
     files->colmap = true;
-    return find_images(path, images_dir, i == BASES, files);
+    return find_images(path, images_dir, !*last, files);
 }
 
 sgs_status sgsi_scene_find(const char *path, const char *images_dir, sgsi_scene_files *files)

@@ -210,8 +210,9 @@ sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
         const size_t skip = chosen ? image_folder_length(l, view->name) : 0;
         view->image_path =
             sgsi_scene_image_path(chosen ? chosen : l->files.image_folder, view->name + skip);
-        status = view->image_path ? SGS_STATUS_OK : sgsi_scene_no_memory(scene->path);
-        if (!status && !sgsi_loader_cameras_only(l))
+        if (!view->image_path)
+            status = sgsi_scene_no_memory(scene->path);
+        else if (!sgsi_loader_cameras_only(l))
             status = check_searchable(view->image_path);
     }
     sgsi_free(chosen);

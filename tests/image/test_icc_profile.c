@@ -68,8 +68,8 @@ static void make_version_4(buffer *b, const char *language, const uint16_t *name
     put_bytes(b, language, 4);
     put_big(b, 2 * length, 4);
     put_big(b, first + other, 4);
-    for (uint32_t i = 0; i < other / 2; ++i)
-        put_big(b, (uint8_t)before[i], 2);
+    for (const char *at = before ? before : ""; *at; ++at)
+        put_big(b, (uint8_t)*at, 2);
     for (uint32_t i = 0; i < length; ++i)
         put_big(b, name[i], 2);
 }

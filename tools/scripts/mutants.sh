@@ -47,7 +47,7 @@ lpips_without_the_length | test_lpips | 1\.0 / \(sqrt\(scale\[k\]\[i\]\) \+ 1e-1
 flip_of_masked_pixels | cli_metrics | sgs_flip\(photo, drawn, valid_mask, | sgs_flip(photo, drawn, NULL,
 sh_band_3_sign | test_tracer|test_reference | (basis\[14\] = vf_mul\(vf_mul\(vf_set1\()-0\.59 | ${1}0.59
 sh_band_2_sign | test_tracer|test_reference | (basis\[6\] = vf_mul\(vf_set1\()-1\.09 | ${1}1.09
-skipped_last_tile | tracer_gradient|golden | sgsi_parallel_for\(pass->last_tile - pass->first_tile, 1, backward_tile | sgsi_parallel_for(pass->last_tile - pass->first_tile - 1, 1, backward_tile
+skipped_last_tile | tracer_gradient|golden | sgsi_parallel_parts\(pass->last_tile - pass->first_tile, | sgsi_parallel_parts(pass->last_tile - pass->first_tile - 1,
 dilation_of_3dgs | test_tracer_oracle | (SGS_FILTER_3DGS  *\? )0\.3f | ${1}0.31f
 near_distance_of_small_scenes | test_trainer|test_cli|test_aov | extent < 1\.0 \? 0\.2 \* extent : 0\.2 | extent < 1.0 ? 0.2 : 0.2
 median_at_a_half | test_aov | vf_gt\(front, half\) | vf_gt(front, vf_set1(0.6f))

@@ -150,7 +150,7 @@ typedef struct sgs_scene {
     struct sgs_scene_store *store; // internal: the image cache; NULL = all photos are in views
     sgs_space space;               // of photos and trained colours
     double white_point;            // linear light that maps to 1; 1 if no file is scene-linear
-    size_t linear_images;          // scene-linear photos, which white_point applies to
+    size_t linear_images;          // scene-linear photos in use, which white_point applies to
     size_t float_images;           // photos kept in half floats: HDR, 16-bit, linear space
     bool has_alpha;                // some photo has an alpha channel, regardless of `alpha`
     bool white_background;         // NeRF synthetic convention: white unless the caller sets it

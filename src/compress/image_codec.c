@@ -193,8 +193,9 @@ static sgs_status webp_encode(const sgsi_image16 *image, uint8_t **bytes, size_t
     WebPMemoryWriter writer;
     if (!rgb || !WebPConfigInit(&config) || !WebPConfigLosslessPreset(&config, 6) ||
         !WebPPictureInit(&picture)) {
+        const bool has_memory = rgb != NULL;
         free(rgb);
-        return rgb ? SGS_STATUS_INTERNAL : SGS_STATUS_OUT_OF_MEMORY;
+        return has_memory ? SGS_STATUS_INTERNAL : SGS_STATUS_OUT_OF_MEMORY;
     }
     webp_exchange(image, rgb, true);
     WebPMemoryWriterInit(&writer);

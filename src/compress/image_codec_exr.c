@@ -193,7 +193,7 @@ static int64_t write_bytes(exr_const_context_t context, void *user, const void *
     const size_t end = (size_t)(offset + size);
     if (end > output->room) {
         uint8_t *grown = realloc(output->bytes, 2 * end);
-        output->failed = !grown;
+        output->failed = output->failed || !grown;
         if (!grown)
             return -1;
         output->bytes = grown;

@@ -119,7 +119,7 @@ static bool read_space(const json_t *value, sgs_model_colors *colors)
     return linear || (text && !strcmp(text, "srgb"));
 }
 
-// 0: not measured, because no image has linear values.
+// null: not measured yet.
 static bool read_white(const json_t *value, sgs_model_colors *colors)
 {
     const double white = json_number_value(value);
@@ -181,7 +181,14 @@ sgs_status sgs_run_read(const char *folder, sgs_gaussians **model, sgs_run_setti
     sgs_status status = sgs_run_model_path(folder, path, sizeof path, &settings->iteration);
     if (!status)
         status = read_config(folder, settings);
-    if (!status && !settings->colors.space_known)
-        status = sgs_model_read_colors(path, &settings->colors);
+    sgs_model_colors *colors = &settings->colors, recorded;
+    if (!status && (!colors->space_known || !(colors->white_point > 0))) {
+        status = sgs_model_read_colors(path, &recorded);
+        const bool same = recorded.space_known && recorded.space == colors->space;
+        if (!status && !colors->space_known)
+            *colors = recorded;
+        else if (!status && same)
+            colors->white_point = recorded.white_point;
+    }
     return status || !model ? status : sgs_ply_read(path, model);
 }

@@ -83,21 +83,24 @@ static uint32_t read_u32(const uint8_t bytes[4])
     return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
 }
 
-// A type that libpng does not end with an error: four letters, and a critical chunk of PNG.
-static bool is_chunk_type(const uint8_t type[4], bool first, bool *critical)
+typedef enum soundness { SOUND, TRUNCATED, DAMAGED, FOREIGN } soundness;
+
+// A type that libpng does not end with an error: four letters, and a critical chunk of PNG. FOREIGN
+// are those of other formats, such as CgBI of iOS.
+static soundness check_type(const uint8_t type[4], bool first, bool *critical)
 {
     static const char *const known[] = {"IHDR", "PLTE", "IDAT"};
     for (int k = 0; k < 4; ++k)
         if ((type[k] | 0x20) < 'a' || (type[k] | 0x20) > 'z')
-            return false;
+            return DAMAGED;
     *critical = !(type[0] & 0x20);
     bool is_known = !*critical;
     for (size_t k = 0; k < sizeof known / sizeof *known; ++k)
         is_known = is_known || !memcmp(type, known[k], 4);
-    return is_known && first == !memcmp(type, "IHDR", 4);
+    if (!is_known)
+        return !memcmp(type, "CgBI", 4) ? FOREIGN : DAMAGED;
+    return first == !memcmp(type, "IHDR", 4) ? SOUND : DAMAGED;
 }
-
-typedef enum soundness { SOUND, TRUNCATED, DAMAGED } soundness;
 
 // Reads the chunks up to IEND. With `pixels` also the checksums of the pixels, otherwise only those
 // of other critical chunks. *at: begin of the damaged chunk.
@@ -118,8 +121,9 @@ static soundness check_png(FILE *stream, bool pixels, size_t *at)
         uint32_t crc;
         if (*at > 8 && !memcmp(type, "IEND", 4))
             return has_pixels ? SOUND : DAMAGED;
-        if (size > INT32_MAX || !is_chunk_type(type, *at == 8, &critical))
-            return DAMAGED;
+        const soundness named = check_type(type, *at == 8, &critical);
+        if (size > INT32_MAX || named)
+            return named ? named : DAMAGED;
         const bool is_pixels = !memcmp(type, "IDAT", 4);
         has_pixels = has_pixels || is_pixels;
         if (!critical || (is_pixels && !pixels)) {
@@ -155,6 +159,9 @@ sgs_status sgsi_image_check_complete(const char *path, bool pixels)
     fclose(stream);
     if (found == TRUNCATED)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: the image file is truncated; copy it again", path);
+    if (found == FOREIGN)
+        return sgsi_fail(SGS_STATUS_UNSUPPORTED,
+                         "%s: a PNG file of iOS (CgBI), which is not standard; convert it", path);
     return found == SOUND
                ? SGS_STATUS_OK
                : sgsi_fail(SGS_STATUS_FORMAT,

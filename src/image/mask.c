@@ -6,6 +6,7 @@
 
 #include "image/mask.h"
 
+#include <dirent.h>
 #include <math.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -60,16 +61,49 @@ static bool same_file(const char *a, const char *b)
     return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
+// In the order of the search.
+enum { EXTENSIONS = 10, ALL_EXTENSIONS = (1 << EXTENSIONS) - 1, MAX_DEPTH = 8 };
+static const char *const extensions[EXTENSIONS] = {"png",  "PNG", "jpg", "JPG",  "jpeg",
+                                                   "JPEG", "tif", "TIF", "tiff", "TIFF"};
+
+static unsigned extensions_below(const char *path, int depth)
+{
+    unsigned present = 0;
+    DIR *folder = opendir(path);
+    if (!folder)
+        return ALL_EXTENSIONS;
+    for (struct dirent *entry; present != ALL_EXTENSIONS && (entry = readdir(folder));) {
+        const char *dot = strrchr(entry->d_name, '.');
+        for (int i = 0; i < EXTENSIONS && dot; ++i)
+            present |= (unsigned)!strcmp(dot + 1, extensions[i]) << i;
+        if (entry->d_name[0] == '.' || depth == MAX_DEPTH ||
+            (entry->d_type != DT_DIR && entry->d_type != DT_LNK && entry->d_type != DT_UNKNOWN))
+            continue;
+        char *below = sgsi_format("%s/%s", path, entry->d_name);
+        if (below && sgsi_is_folder(below))
+            present |= extensions_below(below, depth + 1);
+        sgsi_free(below);
+    }
+    closedir(folder);
+    return present;
+}
+
+unsigned sgsi_mask_extensions(const char *folder)
+{
+    return extensions_below(folder, 0) | 1; // png: the search for it reports broken folders
+}
+
 // BASE/STEM.png, BASE/NAME.png or, as Metashape exports them, BASE/STEM_mask.png; then the same in
 // other formats. The folder may also be that of the photos, which are no masks.
-static sgs_status use_named(const char *base, const char *name, const char *image_path, char **path)
+static sgs_status use_named(const char *base, unsigned present, const char *name,
+                            const char *image_path, char **path)
 {
-    static const char *const extensions[] = {"png",  "PNG", "jpg", "JPG",  "jpeg",
-                                             "JPEG", "tif", "TIF", "tiff", "TIFF"};
     const int stem = stem_length(name);
     sgs_status status = SGS_STATUS_OK;
-    for (size_t i = 0; i < sizeof extensions / sizeof *extensions && !*path && !status; ++i) {
+    for (int i = 0; i < EXTENSIONS && !*path && !status; ++i) {
         const char *extension = extensions[i];
+        if (!(present >> i & 1))
+            continue;
         status = use_if_file(sgsi_format("%s/%.*s.%s", base, stem, name, extension), path);
         if (*path && same_file(*path, image_path)) {
             sgsi_free(*path);
@@ -106,9 +140,10 @@ sgs_status sgsi_mask_find(const sgsi_mask_places *places, const char *image_path
     *path = NULL;
     *dynamic = false;
     for (size_t i = 0; i < places->folder_count && !status && !*path; ++i) {
-        status = use_named(places->folders[i], name + skip, image_path, path);
+        const char *folder = places->folders[i];
+        status = use_named(folder, places->extensions, name + skip, image_path, path);
         if (!status && !*path && skip)
-            status = use_named(places->folders[i], name, image_path, path);
+            status = use_named(folder, places->extensions, name, image_path, path);
     }
     return !status && !*path && places->beside ? use_beside(image_path, path, dynamic) : status;
 }

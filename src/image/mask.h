@@ -15,8 +15,13 @@
 typedef struct sgsi_mask_places {
     const char *const *folders;
     size_t folder_count;
-    bool beside; // next to the photo
+    unsigned extensions; // sgsi_mask_extensions of all of them
+    bool beside;         // next to the photo
 } sgsi_mask_places;
+
+// The extensions of masks that occur in a folder, and png, as bits, so that the others are not
+// tried for every photo. Cannot fail: without permission, all.
+unsigned sgsi_mask_extensions(const char *folder);
 
 // Finds the mask file of photo `name`, whose file is image_path; *path is NULL if there is none. In
 // a folder: STEM, NAME or STEM_mask with the extension png, else with that of JPEG or TIFF, in

@@ -198,8 +198,10 @@ float sgsi_photo_encode(float value, bool linear, sgs_space space, double white_
 // Converts a value from the file's encoding to the photo's.
 static float convert_value(const reducer *r, float value)
 {
+    const bool display = r->info->linear && !r->info->scene_linear; // with other primaries
     const double white = r->info->scene_linear ? r->source->white_point : 1;
-    return sgsi_photo_encode(value, r->info->linear, r->source->space, white);
+    const float v = sgsi_photo_encode(value, r->info->linear, r->source->space, white);
+    return display ? fminf(v, 1.0f) : v; // outside of the gamut of Rec. 709
 }
 
 static void finish_row(const reducer *r, int j)

@@ -12,6 +12,7 @@
 #include <string.h>
 #include <xxhash.h>
 
+#include "scene/similar_name.h"
 #include "base/compare.h"
 #include "base/base_name.h"
 #include "base/core.h"
@@ -121,28 +122,44 @@ static sgs_status hold_out(sgs_scene *scene, const char *name)
     return SGS_STATUS_OK;
 }
 
-// Holds out the first name of a list; *rest: the others. The name may contain commas: the longest
-// text that names a view counts.
-static sgs_status hold_out_first(sgs_scene *scene, const char *list, const char **rest)
+static size_t count_commas(const char *name)
 {
-    enum { PARTS = 4 };
-    const char *ends[PARTS];
-    size_t parts = 0;
-    for (const char *end = list; parts < PARTS && (!parts || *ends[parts - 1]); ++end)
-        if (*end == ',' || !*end)
-            ends[parts++] = end;
+    size_t count = 0;
+    for (; *name; ++name)
+        count += *name == ',';
+    return count;
+}
+
+// The end of the first `parts` parts of a list.
+static const char *end_of_parts(const char *list, size_t parts)
+{
+    while (*list && (*list != ',' || --parts))
+        ++list;
+    return list;
+}
+
+// Holds out the first name of a list; *rest: the others. The name may contain `commas` commas: the
+// longest text that names a view counts.
+static sgs_status hold_out_first(sgs_scene *scene, const char *list, size_t commas,
+                                 const char **rest)
+{
     sgs_status status = SGS_STATUS_OK;
+    const char *last = NULL;
     list += strspn(list, " ");
-    for (bool found = false; parts && !found;) {
-        const char *end = ends[--parts];
+    bool found = false;
+    for (size_t parts = commas + 1; parts && !found; --parts) {
+        const char *end = end_of_parts(list, parts);
+        if (end == last && parts > 1)
+            continue; // the list has fewer parts
+        last = end;
         *rest = end + (*end == ',');
         while (end > list && end[-1] == ' ')
             --end;
         char *name = sgsi_format("%.*s", (int)(end > list ? end - list : 0), list);
         if (!name)
             return sgsi_scene_no_memory(scene->path);
-        found = sgs_scene_find_view(scene, name) >= 0;
-        if (found || (!parts && *name))
+        found = parts == 1 || sgs_scene_find_view(scene, name) >= 0;
+        if (found && *name)
             status = hold_out(scene, name);
         sgsi_free(name);
     }
@@ -151,23 +168,16 @@ static sgs_status hold_out_first(sgs_scene *scene, const char *list, const char 
 
 static sgs_status split_by_names(sgs_scene *scene, const char *list)
 {
-    for (size_t i = 0; i < scene->view_count; ++i)
+    size_t commas = 0;
+    for (size_t i = 0; i < scene->view_count; ++i) {
+        const size_t own = count_commas(scene->views[i].name);
+        commas = own > commas ? own : commas;
         scene->views[i].split = SGS_SPLIT_TRAIN;
-    if (sgs_scene_find_view(scene, list) >= 0)
-        return hold_out(scene, list);
+    }
     sgs_status status = SGS_STATUS_OK;
     while (*list && !status)
-        status = hold_out_first(scene, list, &list);
+        status = hold_out_first(scene, list, commas, &list);
     return status;
-}
-
-// True if one name is the other with folders in front of it.
-static bool differs_by_folders(const char *a, const char *b)
-{
-    const size_t length_a = strlen(a), length_b = strlen(b);
-    const char *longer = length_a > length_b ? a : b, *shorter = length_a > length_b ? b : a;
-    const size_t extra = length_a > length_b ? length_a - length_b : length_b - length_a;
-    return extra && longer[extra - 1] == '/' && !strcmp(longer + extra, shorter);
 }
 
 static ptrdiff_t find_exact(const sgs_scene *scene, const char *name)
@@ -183,7 +193,7 @@ static ptrdiff_t find_in_other_folder(const sgs_scene *scene, const char *name)
 {
     ptrdiff_t found = -1;
     for (size_t i = 0; i < scene->view_count && name; ++i) {
-        if (!differs_by_folders(scene->views[i].name, name))
+        if (!sgsi_name_differs_by_folders(scene->views[i].name, name))
             continue;
         if (found >= 0)
             return -1;

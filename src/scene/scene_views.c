@@ -120,6 +120,17 @@ static sgs_status find_mask_folders(sgsi_scene_loader *l)
     return status;
 }
 
+// True if the photos are in this folder, which may also have their masks, or below it.
+static bool holds_photos(const sgsi_scene_loader *l, const char *folder)
+{
+    char *masks = realpath(folder, NULL), *photo = realpath(l->scene->views[0].image_path, NULL);
+    const size_t length = masks ? strlen(masks) : 0;
+    const bool holds = masks && photo && !strncmp(photo, masks, length) && photo[length] == '/';
+    free(masks);
+    free(photo);
+    return holds;
+}
+
 // Masks that match no image are a mistake in their names.
 static sgs_status check_mask_names(const sgsi_scene_loader *l)
 {
@@ -133,11 +144,14 @@ static sgs_status check_mask_names(const sgsi_scene_loader *l)
         const char *name = scene->views[0].name + image_folder_length(l, scene->views[0].name),
                    *dot = strrchr(name, '.');
         sgsi_unknown_files files;
+        if (holds_photos(l, l->mask_folders[k]))
+            continue;
         sgsi_scene_find_unknown(&search, &files);
         if (files.count)
             return sgsi_fail(SGS_STATUS_IO,
-                             "%s: none of its %zu images is named after an image of the scene: it "
-                             "contains %s, expected is for example %.*s.png",
+                             "%s: none of its %zu images is named after an image of the scene; it "
+                             "contains %s; a mask must be named after its image, for example "
+                             "%.*s.png",
                              l->mask_folders[k], files.count, files.examples,
                              dot && !strchr(dot, '/') ? (int)(dot - name) : (int)strlen(name),
                              name);
@@ -152,8 +166,12 @@ static sgs_status find_masks(sgsi_scene_loader *l)
     if ((given && !strcmp(given, "none")) || sgsi_loader_cameras_only(l))
         return SGS_STATUS_OK;
     sgs_status status = find_mask_folders(l);
+    unsigned extensions = 0;
+    for (size_t k = 0; k < l->mask_folder_count; ++k)
+        extensions |= sgsi_mask_extensions(l->mask_folders[k]);
     const sgsi_mask_places places = {.folders = (const char *const *)l->mask_folders,
                                      .folder_count = l->mask_folder_count,
+                                     .extensions = extensions,
                                      .beside = !given};
     for (size_t i = 0; i < l->scene->view_count && !status; ++i) {
         sgs_view *view = &l->scene->views[i];
@@ -221,6 +239,7 @@ sgs_status sgsi_loader_make_views(sgsi_scene_loader *l)
 
 // Counts for the warnings about all views.
 typedef struct view_tally {
+    size_t kept, scene_linear;                           // views in use; their scene-linear photos
     size_t masked_out, masked_files, broken, mismatched; // masked_files: of masked_out, by a file
     size_t rayless;                                      // views whose lens has no ray
     size_t emptied;      // of masked_files: masks without a valid pixel
@@ -317,7 +336,8 @@ static void warn_of_notes(const sgsi_scene_loader *l)
                 first = i;
         char others[64] = "";
         if (found > 1)
-            snprintf(others, sizeof others, " (and %zu other images)", found - 1);
+            snprintf(others, sizeof others, " (and %zu other image%s)", found - 1,
+                     found == 2 ? "" : "s");
         if (found)
             sgsi_warn("%s: %s%s", l->scene->views[first].image_path, l->slots[first].notes[k],
                       others);
@@ -351,10 +371,10 @@ static void warn_of_cutouts(const sgsi_scene_loader *l)
             first = i;
     char others[64] = "";
     if (found > 1)
-        snprintf(others, sizeof others, " (and of %zu other masks)", found - 1);
+        snprintf(others, sizeof others, " (also in %zu other mask%s)", found - 1,
+                 found == 2 ? "" : "s");
     if (found)
-        sgsi_warn("%s: the alpha channel%s is used as the mask, because the colours are not those "
-                  "of a mask",
+        sgsi_warn("%s: alpha is used as the mask%s, because the colours are not those of a mask",
                   l->scene->views[first].mask_path, others);
 }
 
@@ -386,6 +406,8 @@ static void keep_view(sgsi_scene_loader *l, size_t i, size_t to, view_tally *tal
     if (s->width > 0 && s->file_width > scene->reduction * s->width)
         scene->reduction = (double)s->file_width / s->width;
     tally->downscaled |= l->options->downscale == 0 && s->width != s->file_width;
+    ++tally->kept;
+    tally->scene_linear += s->scene_linear;
     if (s->scene_linear && !tally->first_linear)
         tally->first_linear = view->image_path;
     for (size_t k = 0; *s->space && k < sizeof tally->spaces / sizeof *tally->spaces; ++k) {
@@ -441,11 +463,12 @@ static void describe_colors(sgs_scene *scene, const view_tally *tally)
         if (!longer)
             return;
     }
-    if (tally->first_linear && scene->linear_images < scene->view_count)
-        sgsi_warn("%s: %zu of %zu images hold linear light, first %s, which the white level "
-                  "applies to, but the others are encoded for display; use images of one kind, or "
-                  "name the colour space of all with option colorspace",
-                  scene->path, scene->linear_images, scene->view_count, tally->first_linear);
+    scene->linear_images = tally->scene_linear;
+    if (tally->first_linear && tally->scene_linear < tally->kept)
+        sgsi_warn("%s: %zu of %zu images are scene-linear (first %s) and use the white level; the "
+                  "others are display-encoded; use images of one kind, or name the colour space of "
+                  "all with option colorspace",
+                  scene->path, tally->scene_linear, tally->kept, tally->first_linear);
 }
 
 static void warn_about_views(const sgsi_scene_loader *l, const view_tally *tally)
@@ -455,8 +478,8 @@ static void warn_about_views(const sgsi_scene_loader *l, const view_tally *tally
     scene->masks += tally->masked_files;
     if (!scene->masks && l->mask_folder_count)
         sgsi_warn(
-            "%s: the mask folder contains no mask named after an image (STEM.png, NAME.png or "
-            "STEM_mask.png)",
+            "%s: the mask folder contains no mask named after an image (STEM, NAME or STEM_mask, "
+            "as PNG, JPEG or TIFF)",
             scene->path);
     if (scene->masks && used < scene->view_count)
         sgsi_warn("%s: %zu of %zu images have no mask; all of their pixels are used", scene->path,

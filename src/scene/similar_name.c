@@ -19,7 +19,7 @@ static const char base_letters[] =
 
 typedef struct folded {
     char text[FOLDED];
-    bool is_ascii, is_utf8;
+    bool is_ascii, is_utf8, has_marks; // marks: combining accents
 } folded;
 
 // Code point and length of a UTF-8 sequence of two to four bytes; false for other bytes.
@@ -54,6 +54,7 @@ static void fold(const char *name, folded *f)
         }
         const bool has_base = code >= 0xc0 && code < 0x180 && base_letters[code - 0xc0] != '.';
         const bool is_combining = length == 2 && code >= 0x300 && code < 0x370;
+        f->has_marks = f->has_marks || is_combining;
         if (has_base) {
             f->text[used++] = base_letters[code - 0xc0];
         } else if (length == 1 && *at >= 0x80) {
@@ -67,27 +68,30 @@ static void fold(const char *name, folded *f)
     }
 }
 
-static bool has_folders_in_front(const char *longer, const char *shorter)
+bool sgsi_name_differs_by_folders(const char *a, const char *b)
 {
-    const size_t length = strlen(longer), end = strlen(shorter);
-    return length > end + 1 && longer[length - end - 1] == '/' &&
-           !strcmp(longer + length - end, shorter);
+    const size_t length_a = strlen(a), length_b = strlen(b);
+    const char *longer = length_a > length_b ? a : b, *shorter = length_a > length_b ? b : a;
+    const size_t extra = length_a > length_b ? length_a - length_b : length_b - length_a;
+    return extra && longer[extra - 1] == '/' && !strcmp(longer + extra, shorter);
 }
 
 sgsi_name_difference sgsi_name_compare(const char *a, const char *b)
 {
-    if (has_folders_in_front(a, b) || has_folders_in_front(b, a))
+    if (sgsi_name_differs_by_folders(a, b))
         return SGSI_NAME_FOLDER;
     folded x, y;
     fold(a, &x);
     fold(b, &y);
     if (!strcmp(a, b) || strcasecmp(x.text, y.text) != 0)
         return SGSI_NAME_DIFFERS;
+    if (x.is_ascii != y.is_ascii)
+        return SGSI_NAME_ACCENTS;
     if (strcmp(x.text, y.text) != 0)
         return SGSI_NAME_CASE;
-    if (x.is_ascii || y.is_ascii)
-        return SGSI_NAME_ACCENTS;
-    return x.is_utf8 && y.is_utf8 ? SGSI_NAME_FORM : SGSI_NAME_ENCODING;
+    if (!x.is_utf8 || !y.is_utf8)
+        return SGSI_NAME_ENCODING;
+    return x.has_marks != y.has_marks ? SGSI_NAME_FORM : SGSI_NAME_ACCENTS;
 }
 
 const char *sgsi_name_difference_text(sgsi_name_difference difference)

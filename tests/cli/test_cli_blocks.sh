@@ -267,7 +267,7 @@ cp "$temporary/config.json" "$dir/block_1/config.json"
 cp "$dir/coarse/config.json" "$temporary/config.json"
 hold_out_nothing >"$dir/coarse/config.json"
 run 0 merge "$dir" -o "$temporary/seen" --seam-images 0
-reports "blocks/coarse: the blocks started from this run, which was trained on $(jq length <<<"$held_out") of the "
+reports "blocks/coarse: the model that the blocks started from was trained on $(jq length <<<"$held_out") of the "
 one_line
 cp "$temporary/config.json" "$dir/coarse/config.json"
 run 0 merge "$dir" -o "$temporary/seen" --seam-images 0 --overwrite

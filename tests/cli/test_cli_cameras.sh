@@ -612,7 +612,7 @@ real_path=$PATH
 PATH=$temporary/bin:$PATH
 run 0 render "$model" "$room" --orbit 3 --size 33x20 --video "$temporary/film;x.mp4" --fps 24
 prints "$temporary/film;x.mp4"
-reports "film;x.mp4: videos have even sizes: the frames of 33 x 20 pixels have a black border on the right or below, 34 x 20 in total"
+reports "film;x.mp4: the sizes of videos are even: frames of 33 x 20 pixels are padded with black to 34 x 20"
 check padded grep -q '^pad=' "$temporary/arguments"
 check three_frames_of_bytes test "$(tr -d ' ' <"$temporary/film;x.mp4")" = $((3 * 33 * 20 * 3))
 check threads_of_the_encoder_are_fixed test "$(grep -xA1 -- -threads "$temporary/arguments" | tail -n 1)" = 16

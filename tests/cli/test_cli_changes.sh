@@ -23,7 +23,7 @@ report() {
     run 0 report "$out" --pictures 0
 }
 row() { check "row: $1" grep -qE "$1" "$out/report.md"; }
-note() { # TEXT: exactly one table has it
+note() { # TEXT COUNT: in COUNT tables
     check "note: $1" test "$(grep -cF "$1" "$out/report.md")" = "$2"
 }
 

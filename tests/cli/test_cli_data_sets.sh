@@ -44,7 +44,7 @@ reports "no view named 'view 1.jpg' to hold out; the nearest names are 'images/v
 
 # train_notes_the_white_level
 run 0 train "$scene" --downscale 16 -o "$temporary/light" --iterations 1 --input-colorspace linear --white 0.5
-reports "white level 0.5 for 3 images in linear light"
+reports "white level 0.5 for 3 scene-linear images"
 run 0 train "$scene" --downscale 16 -o "$temporary/display" --iterations 1
 check no_white_level_of_display_images bash -c '! grep -q "white level" "$0"' "$temporary/stderr"
 
@@ -54,7 +54,7 @@ if installed oiiotool; then
     rm "$scene/images/view, 2.jpg"
     run 0 info "$scene" --json
     json "$temporary/stdout" '.linear_images == 1 and .color_spaces == ["sRGB", "linear"]'
-    reports "1 of 3 images hold linear light, first $scene/images/view, 2.exr, which the white level applies to"
+    reports "1 of 3 images are scene-linear (first $scene/images/view, 2.exr) and use the white level"
     reports "or name the colour space of all with --input-colorspace"
 fi
 

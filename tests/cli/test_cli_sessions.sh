@@ -75,7 +75,7 @@ fi
 rm -r "$out"
 
 # a_run_that_continues_with_other_threads_records_both_sessions, and the report has no change of time
-write_plan '.variants = [{name: "off", options: {spare: "off", iterations: 800}}, {name: "on"}]'
+write_plan '.variants = [{name: "off", options: {spare: "off", iterations: 250}}, {name: "on"}]'
 start --threads 1
 wait_until has_iteration_100 "$off"
 kill -TERM "$process"
@@ -116,7 +116,7 @@ check its_state_is_saved test -s "$on/checkpoint/state.bin"
 rm -r "$out"
 
 # a_run_at_its_time_limit_has_not_failed
-for limit in 4s 16s 64s; do
+for limit in 2s 8s 32s; do
     write_plan '.options += {iterations: 1000000, threads: 1, time_limit: "'$limit'"} | .variants = [{name: "on"}]'
     run 1 experiment "$plan" -o "$out"
     grep -q "leaves no time" "$temporary/stderr" || break

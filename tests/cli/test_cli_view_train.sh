@@ -131,20 +131,26 @@ python3 "$client" "$url" exr >"$temporary/first" 2>&1 &
 first=$!
 wait_for requested "$temporary/first"
 sleep 0.3
+written=
+test ! -e "$temporary/saving/view_0001.exr" || written=1 # on a fast machine
 kill -TERM "$training"
 ends 143
 wait "$first"
 check the_run_is_saved test -e "$temporary/saving/checkpoint/state.bin" -a -e "$temporary/saving/summary.json"
-check the_exr_file_is_given_up test ! -e "$temporary/saving/view_0001.exr"
+test -n "$written" || check the_exr_file_is_given_up test ! -e "$temporary/saving/view_0001.exr"
 
 # a_page_cannot_stop_a_training_that_has_ended: the model is evaluated, and the run is complete.
-start complete --iterations 60 --eval
-python3 "$client" "$url" late >"$temporary/first" 2>&1 &
-first=$!
-ends 0
-wait "$first"
+# The page must connect before the run ends: on a fast machine, more iterations are needed.
+for iterations in 60 240 960 3840; do
+    rm -rf "$temporary/complete"
+    start complete --iterations "$iterations" --eval
+    python3 "$client" "$url" late >"$temporary/first" 2>&1 &
+    first=$!
+    ends 0
+    wait "$first" && break
+done
 check the_page_was_late grep -qx late "$temporary/first"
-check the_run_is_complete jq -e '.stop_reason == "schedule" and .iterations == 60 and .test.psnr > 0 and .train.psnr > 0' \
+check the_run_is_complete jq -e ".stop_reason == \"schedule\" and .iterations == $iterations and .test.psnr > 0 and .train.psnr > 0" \
     "$temporary/complete/summary.json"
 
 if is_long; then # the pause from above

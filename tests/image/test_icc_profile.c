@@ -181,7 +181,7 @@ static void profiles_other_than_srgb_are_reported_once(void **state)
         snprintf(
             text, sizeof text,
             "%s/b.tif: its ICC profile 'Display P3' is not applied; convert the image to sRGB, "
-            "or name its colour space with option colorspace (and 1 other images)\n",
+            "or name its colour space with option colorspace (and 1 other image)\n",
             folder.path);
         assert_string_equal(warnings, text);
         sgs_scene_destroy(scene);

@@ -146,9 +146,9 @@ static void masks_that_match_no_image_are_refused(void **state)
     put_mask(&folder, "masks/sub/frame_8.png", 1, 3, 4, 20, 30);
     assert_int_equal(sgs_scene_load(folder.path, NULL, &scene), SGS_STATUS_IO);
     assert_holds(sgs_last_error(), "/masks: none of its 2 images is named after an image of the "
-                                   "scene: it contains sub/frame_7_mask.png, sub/frame_8.png, "
-                                   "expected is for example a.png; use option masks_dir none to "
-                                   "ignore masks");
+                                   "scene; it contains sub/frame_7_mask.png, sub/frame_8.png; a "
+                                   "mask must be named after its image, for example a.png; use "
+                                   "option masks_dir none to ignore masks");
     bad_input();
     sgs_scene_options options = sgs_scene_options_default();
     options.masks_dir = "none";
@@ -504,8 +504,9 @@ static void cutouts_mask_by_their_alpha_channel(void **state)
             assert_int_equal(sgs_scene_photo(scene, i, &photo), SGS_STATUS_OK);
             assert_hole(photo, 8, 8, 24, 16, invert);
         }
-        assert_holds(warnings, "/masks/a.png: the alpha channel (and of 2 other masks) is used as "
-                               "the mask, because the colours are not those of a mask\n");
+        assert_holds(warnings,
+                     "/masks/a.png: alpha is used as the mask (also in 2 other masks), because "
+                     "the colours are not those of a mask\n");
         assert_int_equal(strlen(strchr(warnings, '\n')), 1); // once
         sgs_scene_destroy(scene);
     }

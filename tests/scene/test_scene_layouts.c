@@ -124,6 +124,8 @@ static void names_are_compared_as_systems_change_them(void **state)
          "ku\xcc\x88"
          "che",
          SGSI_NAME_CASE},
+        {"\xc3\xa9.jpg", "\xc3\xa8.jpg", SGSI_NAME_ACCENTS},
+        {"\xc3\x89.jpg", "e.jpg", SGSI_NAME_ACCENTS},
         {"\xf0\x9f\x98\x80.jpg", "\xf0\x9f\x98\x81.jpg", SGSI_NAME_DIFFERS},
         {"\xe3\x81\x82", "\xe3\x81\x84", SGSI_NAME_DIFFERS},
     };
@@ -241,11 +243,11 @@ static void photos_of_both_kinds_are_reported(void **state)
         sgs_scene *scene = load(folder.path, &options);
         assert_int_equal(scene->linear_images, 1);
         assert_string_equal(scene->color_spaces, "sRGB, linear");
-        snprintf(
-            text, sizeof text,
-            "%s: 1 of 4 images hold linear light, first %s/images/b.tif, which the white level "
-            "applies to, but the others are encoded for display",
-            folder.path, folder.path);
+        snprintf(text, sizeof text,
+                 "%s: 1 of 4 images are scene-linear (first %s/images/b.tif) and use the white "
+                 "level; the "
+                 "others are display-encoded",
+                 folder.path, folder.path);
         assert_holds(warnings, text);
         sgs_scene_destroy(scene);
     }
@@ -265,13 +267,10 @@ static void names_of_test_images_may_contain_commas(void **state)
     (void)state;
     static const struct {
         const char *list, *held_out; // of a, b, c, d
-    } cases[] = {{"a, 1.png", "1000"},
-                 {"a, 1", "1000"},
-                 {"a, 1.png,c.png", "1010"},
-                 {" c.png , a, 1.png ,", "1010"},
-                 {"b,,x,,,y.png", "0100"},
-                 {"b,,x,,,y.png,a, 1.png", NULL},
-                 {"d.png,c.png,a, 1.png", "1011"}};
+    } cases[] = {{"a, 1.png", "1000"},       {"a, 1", "1000"},
+                 {"a, 1.png,c.png", "1010"}, {" c.png , a, 1.png ,", "1010"},
+                 {"b,,x,,,y.png", "0100"},   {"b,,x,,,y.png,a, 1.png", "1100"},
+                 {"a, 1.png, b,,x", NULL},   {"d.png,c.png,a, 1.png", "1011"}};
     const temp_folder folder = temp_folder_make();
     model m = model_make();
     m.images[0].name = "a, 1.png";
@@ -285,7 +284,7 @@ static void names_of_test_images_may_contain_commas(void **state)
         options.test_images = cases[i].list;
         sgs_scene *scene;
         const sgs_status status = sgs_scene_load(folder.path, &options, &scene);
-        if (!cases[i].held_out) { // more than three commas, in a list
+        if (!cases[i].held_out) {
             assert_int_equal(status, SGS_STATUS_INVALID_ARGUMENT);
             assert_holds(sgs_last_error(),
                          "no view named 'b' to hold out; the nearest names are '");

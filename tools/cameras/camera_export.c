@@ -288,6 +288,7 @@ void model_cameras_add(model_cameras *list, const char *name, const sgs_camera *
 {
     if (!camera_is_perspective(camera)) {
         ++list->omitted;
+        list->first_omitted = list->first_omitted || !list->count;
         return;
     }
     sgs_model_camera *out = &list->cameras[list->count++];
@@ -306,7 +307,7 @@ void model_cameras_warn(const model_cameras *list, sgs_model_format format)
         print_warning("cameras in %s are perspective; %zu camera(s) with a fisheye lens or a "
                       "panorama are omitted%s",
                       name, list->omitted,
-                      format != SGS_MODEL_HTML ? ""
-                      : list->count            ? ", and the page begins with another one"
-                                               : ", and the page begins in front of the model");
+                      format != SGS_MODEL_HTML || !list->first_omitted ? ""
+                      : list->count ? ", and the page begins with another one"
+                                    : ", and the page begins in front of the model");
 }

@@ -26,6 +26,7 @@ typedef struct model_cameras {
     size_t count;
     size_t distorted; // of them, those whose distortion is omitted
     size_t omitted;   // not perspective
+    bool first_omitted;
 } model_cameras;
 
 // Adds the pinhole part of a camera, unless it is not perspective. name is borrowed.

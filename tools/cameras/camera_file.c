@@ -17,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "cli/input_file.h"
 #include "cli/json_file.h"
@@ -263,8 +262,7 @@ bool camera_file_is_scene(const char *path)
 // reports with the place.
 static bool may_be_json(const char *path)
 {
-    const char *ending = strrchr(path, '.');
-    FILE *stream = ending && !strcasecmp(ending, ".json") ? NULL : open_input(path, NULL);
+    FILE *stream = name_has_ending(path, ".json") ? NULL : open_input(path, NULL);
     if (!stream)
         return true;
     int first;
@@ -291,12 +289,7 @@ static bool is_colmap(const char *path)
 // True for files of 3D programs, which can also export .chan.
 static bool is_of_3d_program(const char *path)
 {
-    static const char *const endings[] = {".abc", ".fbx", ".usd", ".usda", ".usdc", ".usdz"};
-    const char *ending = strrchr(path, '.');
-    for (size_t k = 0; ending && k < sizeof endings / sizeof *endings; ++k)
-        if (!strcasecmp(ending, endings[k]))
-            return true;
-    return false;
+    return name_has_ending(path, ".abc|.fbx|.usd|.usda|.usdc|.usdz");
 }
 
 // Returns false.

@@ -11,8 +11,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
+#include "cli/input_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/value_order.h"
@@ -21,8 +21,7 @@ enum { FRAME, POSITION, ANGLES = 4, FIELD_OF_VIEW = 7, COLUMNS = 8, MAX_FRAME = 
 
 bool chan_file_is(const char *path)
 {
-    const char *ending = strrchr(path, '.');
-    return ending && !strcasecmp(ending, ".chan");
+    return name_has_ending(path, ".chan");
 }
 
 // Returns the number of finite numbers in the line, of which the first COLUMNS are stored; -1 if it

@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <stdbool.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -28,4 +29,16 @@ FILE *open_input(const char *path, const char **reason)
         *reason = code == EINVAL ? "is not a regular file" : strerror(code);
     errno = code;
     return NULL;
+}
+
+bool name_has_ending(const char *name, const char *endings)
+{
+    const char *dot = strrchr(name, '.');
+    const size_t length = dot ? strlen(dot) : 0;
+    for (const char *at = endings; dot && at; at = strchr(at, '|')) {
+        at += *at == '|';
+        if (strcspn(at, "|") == length && !strncasecmp(at, dot, length))
+            return true;
+    }
+    return false;
 }

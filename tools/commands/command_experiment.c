@@ -56,19 +56,10 @@ static const option experiment_options[] = {
      .help = "validate the plan, list its runs and exit"},
 };
 
-// The summary of a run that ended, or NULL.
-static json_t *load_summary(const experiment_run *run)
-{
-    char *path = format_text("%s/summary.json", run->folder);
-    json_t *summary = load_json(path, 0, NULL);
-    free(path);
-    return summary;
-}
-
 // The summary of a completed run, or NULL.
 static json_t *finished(const experiment_run *run)
 {
-    json_t *summary = load_summary(run);
+    json_t *summary = run_settings_load(run, "summary.json");
     if (run_record_is_complete(summary))
         return summary;
     json_decref(summary);
@@ -340,7 +331,7 @@ static bool lock_run(const experiment_run *run, int *lock)
 // True if a run that is not complete ended at the time limit of the plan.
 static bool reached_time_limit(const experiment_run *run)
 {
-    json_t *summary = load_summary(run);
+    json_t *summary = run_settings_load(run, "summary.json");
     const char *reason = json_string_value(json_object_get(summary, "stop_reason"));
     const bool reached = reason && !strcmp(reason, run_record_stop_reason(SGS_STOP_TIME_LIMIT));
     json_decref(summary);

@@ -12,6 +12,7 @@
 #include "blocks/seam_report.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/json_file.h"
 #include "cli/json_output.h"
 #include "cli/json_result.h"
 #include "cli/model_argument.h"
@@ -189,6 +190,19 @@ static bool read_start(merging *m, const char *path)
     return true;
 }
 
+// True if the model of a run is known to be another than the one that the blocks started from.
+static bool was_retrained(const merging *m, const char *run)
+{
+    const char *expected = json_string_value(json_object_get(m->blocks.configs[0], "init_hash"));
+    char *path = format_text("%s/summary.json", run);
+    json_t *summary = load_json(path, 0, NULL);
+    const char *hash = json_string_value(json_object_get(summary, "model_hash"));
+    const bool other = expected && hash && strcmp(hash, expected) != 0;
+    json_decref(summary);
+    free(path);
+    return other;
+}
+
 // Warns if the model that the blocks started from was trained on held-out images: then the merged
 // one was.
 static void check_start(const merging *m)
@@ -197,14 +211,13 @@ static void check_start(const merging *m)
     char *coarse = format_text("%s/coarse", m->blocks.folder);
     const char *path = start && model_is(start) ? start : model_is(coarse) ? coarse : NULL;
     model_path located = {0};
-    if (path && model_locate(path, &located) && located.run) {
+    if (path && model_locate(path, &located) && located.run && !was_retrained(m, located.run)) {
         const ptrdiff_t trained =
             run_record_trained(located.run, located.config, m->scene, SGS_SPLIT_TEST);
         if (trained > 0)
-            print_warning("%s: the blocks started from this run, which was trained on %td of the "
-                          "%zu held-out images; train it with the --eval, --test-every or "
-                          "--test-images of the blocks, or their scores are not those of held-out "
-                          "images",
+            print_warning("%s: the model that the blocks started from was trained on %td of the "
+                          "%zu held-out images, so held-out scores are too high; retrain it with "
+                          "the split of the blocks",
                           located.run, trained, scene_split_count(m->scene, SGS_SPLIT_TEST));
     }
     model_path_free(&located);

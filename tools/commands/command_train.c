@@ -81,7 +81,7 @@ static bool load_scene(training *run)
                run->scene_path, run->scene->view_count - test, test, run->scene->point_count,
                run->load_seconds);
     if (run->scene->linear_images)
-        print_note("%s: white level %.4g for %zu images in linear light", run->scene_path,
+        print_note("%s: white level %.4g for %zu scene-linear images", run->scene_path,
                    run->scene->white_point, run->scene->linear_images);
     if (run->values.region)
         print_note("%s: mixing the images with renders of the initial model", run->scene_path);

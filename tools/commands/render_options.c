@@ -92,8 +92,8 @@ const option render_options[RENDER_OPTIONS] = {
      .argument = "pinhole|view",
      .initial = "pinhole",
      .shown = "pinhole with --orbit or --spiral, else view",
-     .help = "a pinhole, which omits the distortion of the views and fits .chan and .usda, or the "
-             "lens of the view; paths have the lens of the first view"},
+     .help = "pinhole: no lens distortion, as in .chan and .usda; view: the lens of the view, for "
+             "--orbit and --spiral that of the first one"},
     {.name = "first-frame",
      .kind = OPTION_INTEGER,
      .offset = AT(first_frame),
@@ -131,8 +131,8 @@ const option render_options[RENDER_OPTIONS] = {
      .argument = "WxH",
      .shown = "the view's",
      .unit = "pixels",
-     .help = "image size; a reduction of the photo, up to rounding, shows the whole photo; other "
-             "sizes keep the vertical field of view and crop or extend the horizontal one"},
+     .help = "image size; sizes with the aspect ratio of the photo, up to rounding, show the whole "
+             "photo; others keep the vertical field of view and crop or extend the horizontal one"},
     {.name = "projection",
      .kind = OPTION_CHOICE,
      .offset = AT(projection),

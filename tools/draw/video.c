@@ -19,10 +19,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "cli/input_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
@@ -91,19 +91,13 @@ static bool move_temporary(const video *film)
 
 static bool is_gif(const char *path)
 {
-    const char *extension = strrchr(path, '.');
-    return extension && !strcasecmp(extension, ".gif");
+    return name_has_ending(path, ".gif");
 }
 
 // True if ffmpeg records the colour space in files of this format.
 static bool records_colors(const char *path)
 {
-    static const char *const extensions[] = {".mp4", ".m4v", ".mov", ".mkv", ".webm"};
-    const char *extension = strrchr(path, '.');
-    for (size_t k = 0; extension && k < sizeof extensions / sizeof *extensions; ++k)
-        if (!strcasecmp(extension, extensions[k]))
-            return true;
-    return false;
+    return name_has_ending(path, ".mp4|.m4v|.mov|.mkv|.webm");
 }
 
 static void run_ffmpeg(const video *film, double fps, int input)
@@ -179,9 +173,10 @@ static void free_film(video *film)
 static void note_padding(const char *path, int width, int height)
 {
     if ((width % 2 || height % 2) && !is_gif(path))
-        print_note("%s: videos have even sizes: the frames of %d x %d pixels have a black border "
-                   "on the right or below, %d x %d in total; use --size with even numbers",
-                   path, width, height, width + width % 2, height + height % 2);
+        print_note(
+            "%s: the sizes of videos are even: frames of %d x %d pixels are padded with black "
+            "to %d x %d; use an even --size",
+            path, width, height, width + width % 2, height + height % 2);
 }
 
 video *video_open(const char *path, int width, int height, double aspect, double fps)

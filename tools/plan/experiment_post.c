@@ -18,6 +18,7 @@
 #include "cli/progress.h"
 #include "cli/sub_command.h"
 #include "plan/plan_values.h"
+#include "plan/run_settings.h"
 #include "sparegs/compress.h"
 #include "sparegs/runtime.h"
 
@@ -604,11 +605,9 @@ static bool record(const post_point *point, const post_run *run, json_t *made, j
                     decoded ? json_object_get(decoded, "seconds") : json_null());
     json_object_set(result, "test", json_object_get(evaluated, "mean"));
     json_object_set(result, "lpips_input", json_object_get(evaluated, "lpips_input"));
-    const int threads = run->threads ? atoi(run->threads) : 0; // 0: all cores
-    json_object_set_new(result, "threads", json_integer(threads > 0 ? threads : sgs_threads_get()));
-    json_object_set_new(result, "isa",
-                        json_string(run->isa ? run->isa : sgs_isa_name(sgs_isa_get())));
-    json_object_set_new(result, "commit", json_string(sgs_version_commit()));
+    json_t *session = session_of(run->threads, run->isa);
+    json_object_update(result, session);
+    json_decref(session);
     char *path = point_path(point, run, ".json");
     const bool written = write_json(path, result);
     free(path);

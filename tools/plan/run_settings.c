@@ -25,8 +25,7 @@ static bool is_free(const char *key)
     return false;
 }
 
-// A file of the run, or NULL.
-static json_t *load_member(const experiment_run *run, const char *name)
+json_t *run_settings_load(const experiment_run *run, const char *name)
 {
     char *path = format_text("%s/%s", run->folder, name);
     json_t *root = load_json(path, 0, NULL);
@@ -68,10 +67,8 @@ static bool same_members(const experiment_run *run, json_t *old, json_t *now)
     return same;
 }
 
-// The instruction set with which the run would be trained now.
-static const char *isa_of(const experiment_run *run)
+static const char *isa_now(const char *given)
 {
-    const char *given = experiment_run_argument(run, "isa");
     return given ? given : sgs_isa_name(sgs_isa_get());
 }
 
@@ -88,8 +85,9 @@ static bool fuses(const char *isa)
 
 static bool isa_agrees(const experiment_run *run)
 {
-    json_t *config = load_member(run, "config.json");
-    const char *was = json_string_value(json_object_get(config, "isa")), *is = isa_of(run);
+    json_t *config = run_settings_load(run, "config.json");
+    const char *was = json_string_value(json_object_get(config, "isa")),
+               *is = isa_now(experiment_run_argument(run, "isa"));
     const bool agrees = !was || fuses(was) == fuses(is);
     if (!agrees)
         fail_run("%s: was trained with isa %s, but the experiment now uses %s, which gives another "
@@ -101,7 +99,7 @@ static bool isa_agrees(const experiment_run *run)
 
 bool run_settings_agree(const experiment_run *run)
 {
-    json_t *old = load_member(run, "experiment.json");
+    json_t *old = run_settings_load(run, "experiment.json");
     json_object_del(old, "sessions");
     if (json_is_object(json_object_get(old, "options"))) { // earlier builds stored no settings
         json_object_set_new(old, "options",
@@ -118,18 +116,23 @@ bool run_settings_agree(const experiment_run *run)
 static const char *const session_members[] = {"threads", "isa", "commit"};
 enum { SESSION_MEMBERS = sizeof session_members / sizeof *session_members };
 
+json_t *session_of(const char *threads, const char *isa)
+{
+    const int given = threads ? atoi(threads) : 0; // 0: all cores, as without the option
+    return json_pack("{s:i,s:s,s:s}", "threads", given > 0 ? given : sgs_threads_get(), "isa",
+                     isa_now(isa), "commit", sgs_version_commit());
+}
+
 static json_t *session_now(const experiment_run *run)
 {
-    const char *given = experiment_run_argument(run, "threads");
-    const int threads = given ? atoi(given) : 0; // 0: all cores, as without the option
-    return json_pack("{s:i,s:s,s:s}", "threads", threads > 0 ? threads : sgs_threads_get(), "isa",
-                     isa_of(run), "commit", sgs_version_commit());
+    return session_of(experiment_run_argument(run, "threads"), experiment_run_argument(run, "isa"));
 }
 
 // The session that config.json records, or NULL if the run was not started.
 static json_t *session_of_config(const experiment_run *run)
 {
-    json_t *config = load_member(run, "config.json"), *session = config ? json_object() : NULL;
+    json_t *config = run_settings_load(run, "config.json"),
+           *session = config ? json_object() : NULL;
     for (int k = 0; k < SESSION_MEMBERS && config; ++k)
         json_object_set(session, session_members[k], json_object_get(config, session_members[k]));
     json_decref(config);
@@ -139,7 +142,7 @@ static json_t *session_of_config(const experiment_run *run)
 // The different sessions so far. Never NULL.
 static json_t *earlier_sessions(const experiment_run *run)
 {
-    json_t *settings = load_member(run, "experiment.json");
+    json_t *settings = run_settings_load(run, "experiment.json");
     json_t *list = json_incref(json_object_get(settings, "sessions"));
     json_decref(settings);
     if (json_is_array(list))
@@ -172,7 +175,7 @@ bool run_settings_write(const experiment_run *run, bool continues)
 
 json_t *run_settings_sessions(const experiment_run *run)
 {
-    json_t *settings = load_member(run, "experiment.json");
+    json_t *settings = run_settings_load(run, "experiment.json");
     json_t *list = json_object_get(settings, "sessions");
     list = json_is_array(list) && json_array_size(list) > 1 ? json_incref(list) : NULL;
     json_decref(settings);

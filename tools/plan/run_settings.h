@@ -10,6 +10,13 @@
 
 #include "plan/experiment_plan.h"
 
+// {"threads", "isa", "commit"} of a command that is started now with these options; NULL = not
+// given.
+json_t *session_of(const char *threads, const char *isa);
+
+// A file of the run's folder, or NULL.
+json_t *run_settings_load(const experiment_run *run, const char *name);
+
 // False after printing the error if the run was started with other settings, or with an instruction
 // set that computes other bits. True for a run that was not started.
 bool run_settings_agree(const experiment_run *run);

@@ -77,6 +77,7 @@ byId('pause').onclick = () => {
   if (!hasFinished()) send({type: 'run', action: viewer.progress && viewer.progress.paused ? 'continue' : 'pause'});
 };
 byId('checkpoint').onclick = () => {
+  if (hasFinished()) return;
   send({type: 'run', action: 'checkpoint'});
   showMessage('Checkpoint requested');
 };

@@ -259,8 +259,8 @@ static bool continue_picture(void *user, size_t done, size_t total)
     if (done < total)
         keep_share(context->render, context->task);
     pthread_mutex_lock(&hub->lock);
-    context->gives_way =
-        clock_seconds() - context->start > PATIENCE && others_wait(hub, context->task->client);
+    context->gives_way = done < total && clock_seconds() - context->start > PATIENCE &&
+                         others_wait(hub, context->task->client);
     context->abandoned = context->gives_way || is_obsolete(context->render, context->task);
     pthread_mutex_unlock(&hub->lock);
     return !context->abandoned;

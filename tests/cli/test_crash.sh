@@ -26,15 +26,18 @@ while { [ "$killed" -lt "$kills" ] || [ "$finished" = 0 ]; } && [ "$failures" -l
     last_command="train with ${#resume[@]} resume options, $killed kills so far"
     before=0
     [ ! -s "$out/checkpoint/sums.csv" ] || before=$(tail -n 1 "$out/checkpoint/sums.csv" | grep -oE '^[0-9]+' || echo 0)
-    limit=()
-    if [ "$killed" -lt "$kills" ]; then
-        moment=$((50 + RANDOM % length))
-        limit=(timeout --preserve-status -s "$signal" "$((moment / 1000)).$(printf %03d $((moment % 1000)))")
-    fi
     status=0
     { # the shell's own word on a killed child goes there too
-        "${limit[@]}" "$program" train "${options[@]}" -o "$out" --threads $((1 + RANDOM % 3)) "${resume[@]}" \
-            >"$temporary/stdout" || status=$?
+        "$program" train "${options[@]}" -o "$out" --threads $((1 + RANDOM % 3)) "${resume[@]}" >"$temporary/stdout" &
+        child=$! killer=
+        if [ "$killed" -lt "$kills" ]; then # not by timeout, which SIGKILL ends before its child
+            moment=$((50 + RANDOM % length))
+            { sleep "$((moment / 1000)).$(printf %03d $((moment % 1000)))" && kill -s "$signal" "$child"; } >/dev/null &
+            killer=$!
+        fi
+        wait "$child" || status=$?
+        [ -z "$killer" ] || kill "$killer" || true
+        wait
     } 2>"$temporary/stderr"
     at=$(sed -n 's/.*resuming at iteration \([0-9]*\)$/\1/p' "$temporary/stderr")
     check at_most_one_interval_is_done_again test "${at:-$before}" -ge $((before - interval))

@@ -647,7 +647,7 @@ static void put_tiled(const char *path)
         exr_set_tile_descriptor(file, part, TILE, TILE, EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN),
         0);
     for (int k = 0; k < LAYER_CHANNELS + 3; ++k) {
-        char name[8];
+        char name[16];
         snprintf(name, sizeof name, k < LAYER_CHANNELS ? "c%03d.q" : "z.%c",
                  k < LAYER_CHANNELS ? k : "BGR"[k - LAYER_CHANNELS]);
         assert_int_equal(exr_add_channel(file, part, name,

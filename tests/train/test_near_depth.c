@@ -29,7 +29,7 @@ static sgs_scene *make_wall(size_t views, double length, double depth, sgs_camer
     static float points[3 * POINTS];
     static unsigned char colors[3 * POINTS];
     sgs_view_source *sources = calloc(views, sizeof *sources);
-    char(*names)[24] = calloc(views, sizeof *names);
+    char(*names)[32] = calloc(views, sizeof *names);
     unsigned char *pixels = calloc((size_t)camera.width * (size_t)camera.height, 3);
     for (size_t v = 0; v < views; ++v) {
         const double x = length * (double)v / (double)(views - 1);

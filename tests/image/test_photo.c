@@ -303,10 +303,16 @@ static void put_unit_colors(const temp_folder *folder, const char *name, bool al
     put_primaries(temp_path(folder, name), primaries);
 }
 
+typedef struct kept_row {
+    float values[16];
+    size_t count;
+} kept_row;
+
 static void keep_row(void *context, int y, const float *row)
 {
+    kept_row *kept = context;
     assert_int_equal(y, 0);
-    memcpy(context, row, 16 * sizeof *row);
+    memcpy(kept->values, row, kept->count * sizeof *row);
 }
 
 // Matrices computed with NumPy from the chromaticities and Bradford's cone responses. To the digits
@@ -338,14 +344,15 @@ static void exr_primaries_become_rec709(void **state)
     const temp_folder folder = temp_folder_make();
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k)
         for (int alpha = 0; alpha < 2; ++alpha) {
-            float row[16];
+            const size_t channels = alpha ? 4 : 3;
+            kept_row row = {.count = 4 * channels};
             put_unit_colors(&folder, "a.exr", alpha, cases[k].primaries);
-            if (sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), NULL, keep_row, row))
+            if (sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), NULL, keep_row, &row))
                 fail_msg("%s", sgs_last_error());
             for (size_t x = 0; x < 4; ++x)
                 for (size_t c = 0; c < 3; ++c) {
                     const double expected = x < 3 ? cases[k].matrix[c][x] : 1; // grey stays grey
-                    const double value = (double)row[x * (alpha ? 4 : 3) + c];
+                    const double value = (double)row.values[x * channels + c];
                     if (!(fabs(value - expected) < 3e-6))
                         fail_msg("case %zu, column %zu, row %zu: %.7f, expected %.7f", k, x, c,
                                  value, expected);
@@ -366,14 +373,14 @@ static void exr_primaries_become_rec709(void **state)
         sgs_photo_free(&photo);
     }
     // A space with primaries of its own overrides the attribute; "linear" does not.
-    float row[16];
+    kept_row row = {.count = 12};
     put_unit_colors(&folder, "a.exr", false, cases[1].primaries);
-    assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "lin_rec709", keep_row, row),
+    assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "lin_rec709", keep_row, &row),
                      SGS_STATUS_OK);
-    assert_true(row[0] == 1.0f && row[1] == 0.0f);
-    assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "linear", keep_row, row),
+    assert_true(row.values[0] == 1.0f && row.values[1] == 0.0f);
+    assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "linear", keep_row, &row),
                      SGS_STATUS_OK);
-    assert_true(row[0] > 1.7f);
+    assert_true(row.values[0] > 1.7f);
     temp_folder_remove(&folder);
 }
 
@@ -410,14 +417,15 @@ static void spaces_of_ocio_become_rec709(void **state)
         snprintf(text, sizeof text, "%s%s", config, k & 2 ? rec709 : "");
         file_put(temp_path(&folder, "config.ocio"), text, strlen(text));
         setenv("OCIO", temp_path(&folder, "config.ocio"), 1);
-        float row[16];
+        const size_t channels = k & 1 ? 4 : 3;
+        kept_row row = {.count = 4 * channels};
         put_unit_colors(&folder, "a.exr", k & 1, own);
-        assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "ACEScg", keep_row, row),
+        assert_int_equal(sgsi_oiio_read_rows(temp_path(&folder, "a.exr"), "ACEScg", keep_row, &row),
                          SGS_STATUS_OK);
         unsetenv("OCIO");
         for (size_t i = 0; i < 9; ++i)
             assert_true(
-                fabs((double)row[i % 3 * (k & 1 ? 4 : 3) + i / 3] - expected[i / 3][i % 3]) < 1e-4);
+                fabs((double)row.values[i % 3 * channels + i / 3] - expected[i / 3][i % 3]) < 1e-4);
     }
     temp_folder_remove(&folder);
 }

@@ -10,3 +10,10 @@ static inline const char *sgsi_base_name(const char *path)
     const char *slash = strrchr(path, '/');
     return slash ? slash + 1 : path;
 }
+
+// Length of a path without the extension of its last part.
+static inline int sgsi_stem_length(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+    return (int)(dot && !strchr(dot, '/') ? (size_t)(dot - path) : strlen(path));
+}

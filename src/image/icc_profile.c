@@ -8,12 +8,9 @@
 #include <string.h>
 #include <strings.h>
 
-enum { HEADER = 128, TAG = 12, RECORD = 12 };
+#include "base/big_endian.h"
 
-static uint32_t big32(const uint8_t *at)
-{
-    return (uint32_t)at[0] << 24 | (uint32_t)at[1] << 16 | (uint32_t)at[2] << 8 | at[3];
-}
+enum { HEADER = 128, TAG = 12, RECORD = 12 };
 
 // The element with the description; NULL if there is none.
 static const uint8_t *find_description(const uint8_t *profile, size_t bytes, size_t *size)
@@ -21,12 +18,12 @@ static const uint8_t *find_description(const uint8_t *profile, size_t bytes, siz
     if (bytes < HEADER + 4)
         return NULL;
     const size_t fit = (bytes - HEADER - 4) / TAG;
-    size_t count = big32(profile + HEADER);
+    size_t count = sgsi_big_endian32(profile + HEADER);
     count = count < fit ? count : fit;
     for (size_t i = 0; i < count; ++i) {
         const uint8_t *tag = profile + HEADER + 4 + i * TAG;
-        const size_t offset = big32(tag + 4);
-        *size = big32(tag + 8);
+        const size_t offset = sgsi_big_endian32(tag + 4);
+        *size = sgsi_big_endian32(tag + 8);
         if (!memcmp(tag, "desc", 4))
             return offset <= bytes && *size <= bytes - offset && *size >= 12 ? profile + offset
                                                                              : NULL;
@@ -60,7 +57,7 @@ static void put(unsigned code, char *name, size_t size, size_t *used)
 // Version 2: ASCII.
 static void read_ascii(const uint8_t *element, size_t bytes, char *name, size_t size)
 {
-    size_t used = 0, count = big32(element + 8);
+    size_t used = 0, count = sgsi_big_endian32(element + 8);
     count = count < bytes - 12 ? count : bytes - 12;
     for (size_t i = 0; i < count && element[12 + i]; ++i)
         put(element[12 + i] < 0x80 ? element[12 + i] : '?', name, size, &used);
@@ -73,7 +70,7 @@ static void read_unicode(const uint8_t *element, size_t bytes, char *name, size_
     if (bytes < 16)
         return;
     const size_t fit = (bytes - 16) / RECORD;
-    size_t used = 0, count = big32(element + 8);
+    size_t used = 0, count = sgsi_big_endian32(element + 8);
     count = count < fit ? count : fit;
     for (size_t i = 0; i < count; ++i) {
         const uint8_t *record = element + 16 + i * RECORD;
@@ -82,7 +79,7 @@ static void read_unicode(const uint8_t *element, size_t bytes, char *name, size_
     }
     if (!chosen)
         return;
-    const size_t length = big32(chosen + 4), offset = big32(chosen + 8);
+    const size_t length = sgsi_big_endian32(chosen + 4), offset = sgsi_big_endian32(chosen + 8);
     if (offset > bytes || length > bytes - offset)
         return;
     const uint8_t *text = element + offset;

@@ -16,6 +16,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/big_endian.h"
 #include "base/core.h"
 #include "image/image_oiio.h"
 #include "sparegs/output_file.h"
@@ -78,11 +79,6 @@ static bool chunk_crc(FILE *stream, const uint8_t type[4], size_t size, uint32_t
     return true;
 }
 
-static uint32_t read_u32(const uint8_t bytes[4])
-{
-    return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
-}
-
 typedef enum soundness { SOUND, TRUNCATED, DAMAGED, FOREIGN } soundness;
 
 // A type that libpng does not end with an error: four letters, and a critical chunk of PNG. FOREIGN
@@ -116,7 +112,7 @@ static soundness check_png(FILE *stream, bool pixels, size_t *at)
     bool has_pixels = false;
     while (fread(head, 1, sizeof head, stream) == sizeof head) {
         const uint8_t *type = head + 4;
-        const size_t size = read_u32(head);
+        const size_t size = sgsi_big_endian32(head);
         bool critical;
         uint32_t crc;
         if (*at > 8 && !memcmp(type, "IEND", 4))
@@ -133,7 +129,7 @@ static soundness check_png(FILE *stream, bool pixels, size_t *at)
             if (!chunk_crc(stream, type, size, &crc) ||
                 fread(stored, 1, sizeof stored, stream) != sizeof stored)
                 return TRUNCATED;
-            if (crc != read_u32(stored))
+            if (crc != sgsi_big_endian32(stored))
                 return DAMAGED;
         }
         *at += size + 12;
@@ -168,11 +164,16 @@ sgs_status sgsi_image_check_complete(const char *path, bool pixels)
                            "%s: byte %zu: the image file is damaged; copy it again", path, at);
 }
 
-sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
+sgs_status sgsi_image_read_checked(const char *path, bool is_mask, sgs_image8 *image)
 {
     *image = (sgs_image8){0};
     const sgs_status status = sgsi_image_check_complete(path, true);
-    return status ? status : sgsi_oiio_read(path, false, image);
+    return status ? status : sgsi_oiio_read(path, is_mask, image);
+}
+
+sgs_status sgs_image8_read(const char *path, sgs_image8 *image)
+{
+    return sgsi_image_read_checked(path, false, image);
 }
 
 sgs_status sgs_image8_probe(const char *path, int *width, int *height)

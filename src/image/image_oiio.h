@@ -66,6 +66,9 @@ sgs_status sgsi_oiio_read_rows(const char *path, const char *colorspace, sgsi_ro
 // will be decoded; otherwise, damage of their data is not looked for.
 sgs_status sgsi_image_check_complete(const char *path, bool pixels);
 
+// In image.c. sgsi_oiio_read of a file that is complete.
+sgs_status sgsi_image_read_checked(const char *path, bool is_mask, sgs_image8 *image);
+
 // Encodes a PNG to new memory (sgsi_free). `path` is used in errors only. `description`: its text
 // chunk Description, or NULL.
 sgs_status sgsi_oiio_png_encode(const char *path, const sgs_image8 *image, const char *description,

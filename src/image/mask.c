@@ -34,13 +34,6 @@ bool sgs_mask_is_name(const char *name)
            (!strncmp(base, dynamic_prefix, prefix) && ends_with(base + prefix, dynamic_end));
 }
 
-// Length of a path without its extension.
-static int stem_length(const char *path)
-{
-    const char *dot = strrchr(path, '.');
-    return (int)(dot && !strchr(dot, '/') ? (size_t)(dot - path) : strlen(path));
-}
-
 // Uses `candidate` if the file exists and *path is NULL. Takes ownership; NULL: out of memory.
 static sgs_status use_if_file(char *candidate, char **path)
 {
@@ -98,7 +91,7 @@ unsigned sgsi_mask_extensions(const char *folder)
 static sgs_status use_named(const char *base, unsigned present, const char *name,
                             const char *image_path, char **path)
 {
-    const int stem = stem_length(name);
+    const int stem = sgsi_stem_length(name);
     sgs_status status = SGS_STATUS_OK;
     for (int i = 0; i < EXTENSIONS && !*path && !status; ++i) {
         const char *extension = extensions[i];
@@ -123,11 +116,11 @@ static sgs_status use_beside(const char *image_path, char **path, bool *dynamic)
     const char *base = sgsi_base_name(image_path);
     const int folder = (int)(base - image_path);
     sgs_status status =
-        use_if_file(sgsi_format("%.*s%s", stem_length(image_path), image_path, suffix), path);
+        use_if_file(sgsi_format("%.*s%s", sgsi_stem_length(image_path), image_path, suffix), path);
     if (status || *path)
         return status;
     status = use_if_file(sgsi_format("%.*s%s%.*s%s", folder, image_path, dynamic_prefix,
-                                     stem_length(base), base, dynamic_end),
+                                     sgsi_stem_length(base), base, dynamic_end),
                          path);
     *dynamic = *path != NULL;
     return status;
@@ -251,9 +244,7 @@ sgs_status sgsi_mask_apply_file(sgs_photo *photo, const sgsi_mask_file *file, sg
 {
     sgs_image8 mask;
     *use = (sgsi_mask_use){0};
-    sgs_status status = sgsi_image_check_complete(file->path, true);
-    if (!status)
-        status = sgsi_oiio_read(file->path, true, &mask);
+    sgs_status status = sgsi_image_read_checked(file->path, true, &mask);
     if (status)
         return status;
     // Downscaled photos may have full-size masks; their sizes were rounded to whole pixels.

@@ -15,6 +15,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
+#include "base/base_name.h"
 #include "base/compare.h"
 #include "base/core.h"
 #include "image/mask.h"
@@ -141,8 +142,7 @@ static sgs_status check_mask_names(const sgsi_scene_loader *l)
     for (size_t k = 0; k < l->mask_folder_count; ++k) {
         const sgsi_file_search search = {
             .folder = l->mask_folders[k], .roots = &l->roots, .masks = true};
-        const char *name = scene->views[0].name + image_folder_length(l, scene->views[0].name),
-                   *dot = strrchr(name, '.');
+        const char *name = scene->views[0].name + image_folder_length(l, scene->views[0].name);
         sgsi_unknown_files files;
         if (holds_photos(l, l->mask_folders[k]))
             continue;
@@ -153,8 +153,7 @@ static sgs_status check_mask_names(const sgsi_scene_loader *l)
                              "contains %s; a mask must be named after its image, for example "
                              "%.*s.png",
                              l->mask_folders[k], files.count, files.examples,
-                             dot && !strchr(dot, '/') ? (int)(dot - name) : (int)strlen(name),
-                             name);
+                             sgsi_stem_length(name), name);
     }
     return SGS_STATUS_OK;
 }

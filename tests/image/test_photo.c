@@ -22,6 +22,7 @@
 #include "sparegs/runtime.h"
 #include "support/bad_input.h"
 #include "support/exr_bytes.h"
+#include "support/ocio_config.h"
 #include "support/scene_support.h"
 
 enum { WIDTH = 21, HEIGHT = 70 }; // two slabs of rows, a width that is not a multiple of 16
@@ -388,19 +389,7 @@ static void exr_primaries_become_rec709(void **state)
 static void spaces_of_ocio_become_rec709(void **state)
 {
     (void)state;
-    static const char config[] =
-        "ocio_profile_version: 2\n"
-        "roles: {aces_interchange: AP0, scene_linear: ACEScg, default: ACEScg}\n"
-        "file_rules: [!<Rule> {name: Default, colorspace: default}]\n"
-        "displays: {d: [!<View> {name: v, colorspace: AP0}]}\n"
-        "colorspaces:\n"
-        "  - !<ColorSpace> {name: AP0}\n"
-        "  - !<ColorSpace>\n"
-        "    name: ACEScg\n"
-        "    to_scene_reference: !<MatrixTransform> {matrix: [0.695452241, 0.140678696, "
-        "0.163869062,"
-        " 0, 0.044794563, 0.859671118, 0.095534318, 0, -0.005525883, 0.00402521, 1.001500672, 0,"
-        " 0, 0, 0, 1]}\n";
+    static const char config[] = OCIO_OF_ACESCG;
     static const char rec709[] =
         "  - !<ColorSpace>\n"
         "    name: Linear Rec.709 (sRGB)\n"

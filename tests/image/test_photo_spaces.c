@@ -17,6 +17,7 @@
 
 #include "image/half.h"
 #include "image/image_oiio.h"
+#include "support/ocio_config.h"
 #include "support/png_bytes.h"
 #include "support/scene_support.h"
 
@@ -151,18 +152,7 @@ static void linear_integers_are_exposed(void **state)
 
 // ---- Names of a configuration ----
 
-static const char config[] =
-    "ocio_profile_version: 2\n"
-    "roles: {aces_interchange: AP0, scene_linear: ACEScg, default: ACEScg}\n"
-    "file_rules: [!<Rule> {name: Default, colorspace: default}]\n"
-    "displays: {d: [!<View> {name: v, colorspace: AP0}]}\n"
-    "colorspaces:\n"
-    "  - !<ColorSpace> {name: AP0}\n"
-    "  - !<ColorSpace>\n"
-    "    name: ACEScg\n"
-    "    to_scene_reference: !<MatrixTransform> {matrix: [0.695452241, 0.140678696,"
-    " 0.163869062, 0, 0.044794563, 0.859671118, 0.095534318, 0, -0.005525883, 0.00402521,"
-    " 1.001500672, 0, 0, 0, 0, 1]}\n"
+static const char config[] = OCIO_OF_ACESCG
     "  - !<ColorSpace>\n"
     "    name: sRGB Encoded AP1 - Texture\n"
     "    to_scene_reference: !<GroupTransform>\n"

@@ -114,7 +114,7 @@ typedef struct sgs_exr_channel {
     const char *name;      // "R", "depth.Z", ...
     const float *floats;   // [height][width]
     const uint32_t *uints; // exactly one of floats and uints is non-NULL
-    bool half;             // store the floats as half
+    bool half;             // store the floats as half; those from 65520 on become infinite
 } sgs_exr_channel;
 
 // EXR compressions. All but DWAA are lossless.
@@ -153,6 +153,9 @@ typedef struct sgs_exr_info {
     // Space of the channels R, G and B: text attribute "colorInteropID", which names colour spaces
     // as the ASWF Color Interop Forum does, or NULL.
     const char *color_space;
+    // Deep files: store colours and alpha as half floats. See sgs_exr_deep_open. Flat files: see
+    // sgs_exr_channel.
+    bool deep_half;
 } sgs_exr_info;
 
 // Values of color_space: linear light, and the encoding of sRGB.
@@ -186,8 +189,16 @@ typedef struct sgs_deep_sample {
 
 // A deep scan-line EXR, written row by row: float channels A, B, G, R, Z, ZBack. `info` as above;
 // compression is ZIPS, or none for SGS_EXR_NONE. max_samples: the largest count of a pixel, at
-// least 1, stored in the header. Fails with INVALID_ARGUMENT (info, max_samples), IO, OUT_OF_MEMORY
-// or INTERNAL (OpenEXR); *deep is then NULL.
+// least 1, stored in the header.
+//
+// With deep_half, A, B, G and R are half floats: rounded to nearest and limited to 65504 in
+// magnitude. A positive alpha that would become 0 becomes 2^-24, the smallest half, so that no
+// sample keeps its colour without alpha. If no value is limited, the samples composited front to
+// back differ from the exact ones by at most 2^-10 M in colour, M the largest colour / alpha of the
+// pixel's samples, and by 2^-11 in alpha; values below 2^-14 add up to 2^-24 max(1, M) each.
+//
+// Fails with INVALID_ARGUMENT (info, max_samples), IO, OUT_OF_MEMORY or INTERNAL (OpenEXR); *deep
+// is then NULL.
 typedef struct sgs_exr_deep sgs_exr_deep;
 SGS_API sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
                                      sgs_exr_deep **deep);

@@ -7,14 +7,19 @@
 // pixel; its data holds the samples of all pixels, channel by channel in the order of the channel
 // names. Both are little-endian and ZIP-compressed; data that does not shrink is stored
 // uncompressed.
+//
+// Half floats. Colours and alpha round independently of each other, in each sample by itself: an
+// alpha that corrected the errors in front of it would keep the sum of the pixel closer, but behind
+// an almost opaque sample it would be another alpha, and samples are also used alone.
 
 #include <string.h>
 
 #include "image/exr_writer.h"
 #include "image/exr_zip.h"
+#include "image/half.h"
 #include "base/threads.h"
 
-enum { CHANNELS = 6, LINE_BYTES_PER_SAMPLE = 4 * CHANNELS, BAND_LINES = 32 };
+enum { CHANNELS = 6, DISPLAYED = 4, BAND_LINES = 32 }; // A, B, G and R are displayed, not Z, ZBack
 
 // An encoded line, before it is written.
 typedef struct deep_line {
@@ -29,6 +34,8 @@ struct sgs_exr_deep {
     sgsi_exr_writer writer;
     char *path;
     int width, height, next_row, max_samples;
+    size_t sample_bytes;
+    bool half;           // of colours and alpha
     sgsi_exr_zip *zip;   // NULL: uncompressed
     exr_result_t result; // first failure
     deep_line lines[BAND_LINES];
@@ -40,6 +47,22 @@ static void put_word(uint8_t *out, const void *word)
     memcpy(&bits, word, sizeof bits);
     for (int k = 0; k < 4; ++k)
         out[k] = (uint8_t)(bits >> 8 * k);
+}
+
+static void put_half(uint8_t *out, uint16_t bits)
+{
+    out[0] = (uint8_t)bits;
+    out[1] = (uint8_t)(bits >> 8);
+}
+
+// A sample that lost its alpha would add its colour to what is behind it. Bits are compared because
+// alphas below FLT_MIN count as 0 in the floating-point mode of loops.
+static uint16_t half_alpha(float alpha)
+{
+    const uint16_t half = sgsi_half_nearest(alpha);
+    uint32_t bits;
+    memcpy(&bits, &alpha, sizeof bits);
+    return bits && !half ? 1 : half;
 }
 
 typedef struct pack_job {
@@ -73,6 +96,26 @@ static uint8_t *zipped_or_raw(sgsi_exr_zip *zip, int thread, uint8_t *raw, size_
     return size ? out : raw;
 }
 
+// The samples of a line, channel by channel.
+static void put_samples(uint8_t *out, const sgs_deep_sample *samples, size_t count, bool half)
+{
+    uint8_t *const depths = out + (half ? 2 : 4) * DISPLAYED * count;
+    for (size_t i = 0; i < count; ++i) {
+        const sgs_deep_sample *s = &samples[i];
+        const float displayed[DISPLAYED] = {s->alpha, s->color[2], s->color[1], s->color[0]};
+        for (size_t k = 0; k < DISPLAYED; ++k) {
+            const size_t at = k * count + i;
+            if (half)
+                put_half(out + 2 * at,
+                         k ? sgsi_half_nearest(displayed[k]) : half_alpha(displayed[k]));
+            else
+                put_word(out + 4 * at, &displayed[k]);
+        }
+        put_word(depths + 4 * i, &s->z);
+        put_word(depths + 4 * (count + i), &s->z_back);
+    }
+}
+
 static void pack_line(void *context, size_t item, int thread)
 {
     const pack_job *job = context;
@@ -81,7 +124,7 @@ static void pack_line(void *context, size_t item, int thread)
     const uint32_t *counts = job->counts + item * width;
     const sgs_deep_sample *samples = job->samples + job->first_sample[item];
     const size_t total = job->first_sample[item + 1] - job->first_sample[item];
-    const size_t table_bytes = 4 * width, data_bytes = LINE_BYTES_PER_SAMPLE * total;
+    const size_t table_bytes = 4 * width, data_bytes = job->deep->sample_bytes * total;
     line->failed = !reserve_line(line, table_bytes, data_bytes);
     if (line->failed)
         return;
@@ -92,13 +135,7 @@ static void pack_line(void *context, size_t item, int thread)
         sum += counts[x];
         put_word(table + 4 * x, &sum);
     }
-    for (size_t i = 0; i < total; ++i) {
-        const sgs_deep_sample *s = &samples[i];
-        const float values[CHANNELS] = {s->alpha,    s->color[2], s->color[1],
-                                        s->color[0], s->z,        s->z_back}; // A B G R Z ZBack
-        for (size_t k = 0; k < CHANNELS; ++k)
-            put_word(data + 4 * (k * total + i), &values[k]);
-    }
+    put_samples(data, samples, total, job->deep->half);
     line->table = table, line->table_bytes = table_bytes;
     line->data = data, line->data_bytes = line->unpacked_bytes = data_bytes;
     sgsi_exr_zip *zip = job->deep->zip;
@@ -120,9 +157,6 @@ static void free_deep(sgs_exr_deep *deep)
 sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max_samples,
                              sgs_exr_deep **deep)
 {
-    static const sgsi_exr_column columns[CHANNELS] = {
-        {"A", EXR_PIXEL_FLOAT}, {"B", EXR_PIXEL_FLOAT}, {"G", EXR_PIXEL_FLOAT},
-        {"R", EXR_PIXEL_FLOAT}, {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
     *deep = NULL;
     sgs_status status = sgsi_exr_check_info(path, info);
     if (!status && max_samples < 1)
@@ -140,6 +174,12 @@ sgs_status sgs_exr_deep_open(const char *path, const sgs_exr_info *info, int max
     made->width = info->width;
     made->height = info->height;
     made->max_samples = max_samples;
+    made->half = info->deep_half;
+    made->sample_bytes = DISPLAYED * (made->half ? 2 : 4) + 4 * (CHANNELS - DISPLAYED);
+    const exr_pixel_type_t displayed = made->half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+    const sgsi_exr_column columns[CHANNELS] = {{"A", displayed},       {"B", displayed},
+                                               {"G", displayed},       {"R", displayed},
+                                               {"Z", EXR_PIXEL_FLOAT}, {"ZBack", EXR_PIXEL_FLOAT}};
     const bool zips = info->compression != SGS_EXR_NONE;
     if (zips)
         made->zip =
@@ -170,7 +210,7 @@ static exr_result_t write_band(sgs_exr_deep *deep, int rows, pack_job *job)
     }
     // The number of threads may have grown since the file was opened.
     if (deep->zip &&
-        !sgsi_exr_zip_reserve(deep->zip, sgsi_threads(), LINE_BYTES_PER_SAMPLE * max_samples))
+        !sgsi_exr_zip_reserve(deep->zip, sgsi_threads(), deep->sample_bytes * max_samples))
         return EXR_ERR_OUT_OF_MEMORY;
     sgsi_parallel_for((size_t)rows, 1, pack_line, job);
     exr_result_t result = EXR_ERR_SUCCESS;

@@ -122,7 +122,35 @@ check channels_of_all_files_agree oiiotool "${compared[@]}"
 run 0 render "$model" "$room" --view 0009.jpg --downscale 8 --aov rgba --half --white 1e6 --deep -o "$temporary/half_bright"
 oiiotool --stats "$temporary/half_bright/0009.exr" >"$temporary/info"
 check large_values_stay_finite grep -qE 'Stats Max: 65504.* 65504.* 65504' "$temporary/info"
-check deep_files_keep_32_bits bash -c "exrheader '$temporary/half_bright/0009.deep.exr' | grep -q 'R, 32-bit floating-point'"
+# Each sample of a deep file is limited to 65504 as well.
+oiiotool --stats "$temporary/half_bright/0009.deep.exr" >"$temporary/info"
+check large_values_of_samples_stay_finite grep -qE 'Stats Max: 65504.* 65504.* 65504' "$temporary/info"
+
+# half_samples_keep_32_bits_of_depth (also next to PNG files), and_flatten_to_the_flat_image (whose bound is in the manual)
+view=("$model" "$room" --view 0009 --downscale 8 --deep --aov rgba --depth z)
+for name in 'float --compression auto' 'half --half' 'pngs --half --format png' 'srgb --exr-encoding srgb' 'srgb_half --half --exr-encoding srgb'; do
+    # shellcheck disable=SC2086
+    run 0 render "${view[@]}" ${name#* } -o "$temporary/deep_${name%% *}"
+done
+exrheader "$temporary/deep_half/0009.deep.exr" | sed -n 's/^    \([A-Za-z]*, [0-9]*-bit\).*/\1/p' | tr '\n' ' ' >"$temporary/info"
+check types_of_the_channels grep -qx 'A, 16-bit B, 16-bit G, 16-bit R, 16-bit Z, 32-bit ZBack, 32-bit ' "$temporary/info"
+check no_flat_file_is_required cmp "$temporary/deep_half/0009.deep.exr" "$temporary/deep_pngs/0009.deep.exr"
+check half_files_are_smaller test $((4 * $(stat -c %s "$temporary/deep_half/0009.deep.exr"))) -lt $((3 * $(stat -c %s "$temporary/deep_float/0009.deep.exr")))
+for pair in 'float half' 'srgb srgb_half'; do
+    read -r flat deep <<<"$pair"
+    # The brightest sample, colour / alpha, by which the bound is scaled.
+    oiiotool --dumpdata "$temporary/deep_$flat/0009.deep.exr" | grep -o 'R=[^Z]*' | tr -c '0-9.e\n-' ' ' |
+        awk '{ for (c = 1; c <= 3; ++c) if ($c > m * $4) m = $c / $4 } END { print m }' >"$temporary/brightest"
+    bound=$(awk '{ print $1 / 1024 + 1e-5 }' "$temporary/brightest")
+    check the_bound_is_not_loose awk '{ exit !($1 > 0.5 && $1 < 4) }' "$temporary/brightest"
+    check "half_flattens_to_flat $flat" oiiotool --fail "$bound" "$temporary/deep_$flat/0009.exr" --ch R,G,B \
+        "$temporary/deep_$deep/0009.deep.exr" --flatten --ch R,G,B --diff \
+        --fail 0.00048829 "$temporary/deep_$flat/0009.exr" --ch A "$temporary/deep_$deep/0009.deep.exr" --flatten --ch A --diff
+done
+check depths_are_exact bash -c "diff <(oiiotool --dumpdata '$temporary/deep_float/0009.deep.exr' | grep -o ' Z=[^/]*') \
+    <(oiiotool --dumpdata '$temporary/deep_half/0009.deep.exr' | grep -o ' Z=[^/]*')"
+run 2 render "$model" "$room" --view 0009 --format png --half -o "$temporary/none"
+reports "--half requires --format exr or --deep"
 # overscan_extends_the_data_window (the photo's lens; the pixels inside are those of a render without it)
 run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --deep -o "$temporary/plain"
 run 0 render "$model" "$room" --view 0009.jpg --aov rgba,depth,normal --deep --overscan 24 -o "$temporary/over"

@@ -289,7 +289,7 @@ static void callback_failure_stops_the_render(void **state)
 
 // ---- Files ----
 
-enum { SMALL_WIDTH = 5, SMALL_HEIGHT = 40 };
+enum { SMALL_WIDTH = 5, SMALL_HEIGHT = 40, MOST = 32 };
 
 // Random samples, some pixels empty, with values that print exactly in decimal.
 static size_t random_samples(uint32_t counts[SMALL_WIDTH * SMALL_HEIGHT], sgs_deep_sample *samples)
@@ -360,6 +360,170 @@ static void deep_files_are_readable_by_another_program(void **state)
             if (!strstr(output, expected))
                 fail_msg("oiiotool does not say '%s' but:\n%.2000s", expected, output);
         }
+    }
+    temp_folder_remove(&folder);
+}
+
+// ---- Half floats ----
+
+// A deep file with half floats.
+static void write_halves(const char *path, int width, int height, const uint32_t *counts,
+                         const sgs_deep_sample *samples)
+{
+    const sgs_exr_info info = {.width = width, .height = height, .deep_half = true};
+    sgs_exr_deep *deep;
+    if (sgs_exr_deep_open(path, &info, MOST, &deep) ||
+        sgs_exr_deep_write(deep, height, counts, samples) || sgs_exr_deep_close(deep))
+        fail_msg("%s", sgs_last_error());
+}
+
+static void write_flat(const char *path, float planes[4][PIXELS], bool half)
+{
+    const sgs_exr_info info = {.width = WIDTH, .height = HEIGHT};
+    const sgs_exr_channel channels[4] = {{.name = "R", .floats = planes[0], .half = half},
+                                         {.name = "G", .floats = planes[1], .half = half},
+                                         {.name = "B", .floats = planes[2], .half = half},
+                                         {.name = "A", .floats = planes[3], .half = half}};
+    if (sgs_exr_write(path, &info, channels, 4))
+        fail_msg("%s", sgs_last_error());
+}
+
+// True if no channel of the flattened file differs by more than `most` from the flat one, according
+// to oiiotool.
+static bool flattens_to(const char *deep, const char *flat, const char *names, double most)
+{
+    static char output[1 << 14];
+    char limit[40];
+    snprintf(limit, sizeof limit, "%.9g", most);
+    const char *const compare[] = {"oiiotool", "--fail", limit,  deep,  "--flatten", "--ch",
+                                   names,      flat,     "--ch", names, "--diff",    NULL};
+    const int status = run_program(compare, output, sizeof output);
+    if (!strstr(output, "Computing diff") || !status != !strstr(output, "FAILURE"))
+        fail_msg("oiiotool ends with %d: %s", status, output);
+    return !status;
+}
+
+// Flattened, a single sample has its own values. OpenEXR itself has rounded those of the flat file.
+static void half_samples_round_as_openexr_does(void **state)
+{
+    (void)state;
+    static float planes[4][PIXELS];
+    static sgs_deep_sample samples[PIXELS];
+    static uint32_t counts[PIXELS];
+    oracle_random random = {.seed = 12};
+    for (size_t i = 0; i < PIXELS; ++i) {
+        for (int c = 0; c < 4; ++c) {
+            const int power =
+                (int)floor(oracle_uniform(&random, c < 3 ? -28 : -24, c < 3 ? 18 : 0));
+            samples[i].color[0] = (float)ldexp(oracle_uniform(&random, 1, 2), power);
+            if (i % 5 == 0) // a tie, for normal numbers
+                samples[i].color[0] =
+                    (float)ldexp(1024.5 + floor(oracle_uniform(&random, 0, 1023)), power - 10);
+            planes[c][i] = fminf(samples[i].color[0], 65504); // as in flat files of `render`
+            if (c < 3 && i % 3 == 0)
+                planes[c][i] = -planes[c][i];
+        }
+        samples[i] = (sgs_deep_sample){.z = 1, .z_back = 1, .alpha = planes[3][i]};
+        for (int c = 0; c < 3; ++c) // 65504 stands for all that is larger
+            samples[i].color[c] =
+                planes[c][i] * (fabsf(planes[c][i]) < 65504 ? 1 : 1 + (float)(i % 7));
+        counts[i] = 1;
+    }
+    const temp_folder folder = temp_folder_make();
+    char deep[300], flat[300];
+    snprintf(deep, sizeof deep, "%s", temp_path(&folder, "deep.exr"));
+    snprintf(flat, sizeof flat, "%s", temp_path(&folder, "flat.exr"));
+    write_halves(deep, WIDTH, HEIGHT, counts, samples);
+    write_flat(flat, planes, true);
+    assert_true(flattens_to(deep, flat, "R,G,B,A", 0));
+    write_flat(flat, planes, false);
+    assert_false(flattens_to(deep, flat, "R,G,B,A", 0));
+    temp_folder_remove(&folder);
+}
+
+// The bound that the header states. Every second pixel attains it nearly: its alphas are all
+// rounded down and its colours up, by half a unit.
+static void flattened_half_samples_are_near_the_exact_ones(void **state)
+{
+    (void)state;
+    const double brightest = 8;
+    static float planes[4][PIXELS];
+    static sgs_deep_sample samples[MOST * PIXELS];
+    static uint32_t counts[PIXELS];
+    oracle_random random = {.seed = 7};
+    size_t total = 0;
+    for (size_t i = 0; i < PIXELS; ++i) {
+        double through = 1, color[3] = {0};
+        counts[i] = i % 2 ? MOST : (uint32_t)oracle_uniform(&random, 1, MOST + 1);
+        for (uint32_t k = 0; k < counts[i]; ++k) {
+            const float z = (float)k + 1;
+            sgs_deep_sample *s = &samples[total++];
+            *s = (sgs_deep_sample){.z = z, .z_back = z};
+            s->alpha = i % 2   ? 0.125f * (1 + 0.99f * 0x1p-11f)
+                       : k % 5 ? (float)exp2(oracle_uniform(&random, -12, 0))
+                               : 1 - (float)exp2(oracle_uniform(&random, -14, 0));
+            for (int c = 0; c < 3; ++c) {
+                s->color[c] = i % 2 ? 1 + 1.01f * 0x1p-11f
+                                    : s->alpha * (float)oracle_uniform(&random, 0, brightest);
+                color[c] += through * (double)s->color[c];
+            }
+            through *= 1 - (double)s->alpha;
+        }
+        for (int c = 0; c < 3; ++c)
+            planes[c][i] = (float)color[c];
+        planes[3][i] = (float)(1 - through);
+    }
+    const temp_folder folder = temp_folder_make();
+    char deep[300], flat[300];
+    snprintf(deep, sizeof deep, "%s", temp_path(&folder, "deep.exr"));
+    snprintf(flat, sizeof flat, "%s", temp_path(&folder, "flat.exr"));
+    write_halves(deep, WIDTH, HEIGHT, counts, samples);
+    write_flat(flat, planes, false);
+    assert_true(flattens_to(deep, flat, "R,G,B", 0x1p-10 * brightest + 1e-5));
+    assert_false(flattens_to(deep, flat, "R,G,B", 0.8 * 0x1p-10 * brightest));
+    assert_true(flattens_to(deep, flat, "A", 0x1p-11));
+    assert_false(flattens_to(deep, flat, "A", 0.2 * 0x1p-11));
+    temp_folder_remove(&folder);
+}
+
+static void half_samples_keep_depth_and_alpha(void **state)
+{
+    (void)state;
+    enum { CASES = 6, VALUES = 6 };
+    static const sgs_deep_sample samples[CASES] = {
+        {4097.5f, 4098.25f, 0.5f, {1e6f, INFINITY, -1e6f}},
+        {2, 2, 1e-9f, {1e-9f, 1e-8f, 1e-7f}},
+        {3, 3, 0x1p-25f, {0x1p-25f, 0.5f, 0}},
+        {4, 4, 1e-40f, {0.25f, 0, 0}},
+        {5, 5, 0, {0.5f, 0, 0}}, // light alone, as given
+        {6, 6, 0.9999f, {0.9999f, 0, 0}},
+    };
+    static const double expected[CASES][VALUES] = {// R G B A Z ZBack
+                                                   {65504, 65504, -65504, 0.5, 4097.5, 4098.25},
+                                                   {0, 0, 0x1p-23, 0x1p-24, 2, 2},
+                                                   {0, 0.5, 0, 0x1p-24, 3, 3},
+                                                   {0.25, 0, 0, 0x1p-24, 4, 4},
+                                                   {0.5, 0, 0, 0, 5, 5},
+                                                   {1, 0, 0, 1, 6, 6}};
+    static const uint32_t counts[CASES] = {1, 1, 1, 1, 1, 1};
+    static char output[1 << 14];
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "deep.exr");
+    write_halves(path, CASES, 1, counts, samples);
+    const char *const dump[] = {"oiiotool", "--info", "-v", "--dumpdata", path, NULL};
+    assert_int_equal(run_program(dump, output, sizeof output), 0);
+    assert_non_null(
+        strstr(output, "R (half), G (half), B (half), A (half), Z (float), ZBack (float)"));
+    for (int k = 0; k < CASES; ++k) {
+        char pixel[40];
+        double v[VALUES];
+        snprintf(pixel, sizeof pixel, "Pixel (%d, 0): 1 sample", k);
+        const char *line = strstr(output, pixel), *values = line ? strstr(line, "R=") : NULL;
+        assert_true(values && sscanf(values, "R=%lf G=%lf B=%lf A=%lf Z=%lf ZBack=%lf", &v[0],
+                                     &v[1], &v[2], &v[3], &v[4], &v[5]) == VALUES);
+        for (int c = 0; c < VALUES; ++c)
+            if (!(fabs(v[c] - expected[k][c]) <= 1e-5 * fabs(expected[k][c])))
+                fail_msg("pixel %d, value %d: %.9g instead of %.9g", k, c, v[c], expected[k][c]);
     }
     temp_folder_remove(&folder);
 }
@@ -488,6 +652,9 @@ int main(void)
         cmocka_unit_test(bits_do_not_depend_on_threads_or_samples),
         cmocka_unit_test(callback_failure_stops_the_render),
         cmocka_unit_test(deep_files_are_readable_by_another_program),
+        cmocka_unit_test(half_samples_round_as_openexr_does),
+        cmocka_unit_test(flattened_half_samples_are_near_the_exact_ones),
+        cmocka_unit_test(half_samples_keep_depth_and_alpha),
         cmocka_unit_test(threads_may_grow_while_a_deep_file_is_open),
         cmocka_unit_test(deep_write_failure_leaves_no_file),
         cmocka_unit_test(counts_above_the_maximum_are_refused),

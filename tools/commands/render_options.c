@@ -218,9 +218,9 @@ const option render_options[RENDER_OPTIONS] = {
     {.name = "half",
      .kind = OPTION_FLAG,
      .offset = AT(half),
-     .needs = "output&format=exr&aov=rgba|aov=transmittance|aov=normal",
-     .help = "store colour, alpha, transmittance and normals in EXR files as half floats; depth, "
-             "position and deep files keep 32 bits"},
+     .needs = "output&format=exr|deep&aov=rgba|aov=transmittance|aov=normal|deep",
+     .help = "store colour, alpha, transmittance and normals in EXR files, flat and deep, as half "
+             "floats; depth and position keep 32 bits"},
     {.name = "overscan",
      .kind = OPTION_INTEGER,
      .offset = AT(overscan),

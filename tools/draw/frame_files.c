@@ -329,6 +329,7 @@ deep_file *deep_file_open(const frame_files *files, const sgs_frame *frame, int 
     view_matrices matrices;
     sgs_exr_info info = describe(files, true, true, &matrices);
     info.depth_definition = files->axis_depth ? deep_axis_depth : deep_ray_depth;
+    info.deep_half = files->half;
     *file = (deep_file){.files = files,
                         .frame = frame,
                         .path = format_text("%s/%s%s", files->folder, files->stem, deep_suffix)};

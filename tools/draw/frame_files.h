@@ -23,7 +23,7 @@ typedef struct frame_files {
     bool axis_depth;                 // distances are along the camera axis
     exr_encoding encoding;           // EXR only
     sgs_exr_compression compression; // EXR only
-    bool half;                       // flat EXR only: half floats where aov_row.half
+    bool half;                       // EXR only: half floats where aov_row.half, and in deep files
     double frame_rate;               // EXR only: frames per second, 0 = unknown
     float background[3];             // PNG only
     sgs_space space;                 // of the frame's colours

@@ -19,7 +19,7 @@ typedef struct view_options {
     value_range depth_range; // of PNG files; {0, 0} = measured
     exr_encoding encoding;
     sgs_exr_compression compression;
-    bool half; // flat EXR files: half floats where aov_row.half
+    bool half; // EXR files: half floats where aov_row.half, and for the colours of deep files
     bool deep;
     sgs_deep_options deep_options;
     int samples;            // samples per pixel; 1 = the pixel centre

@@ -15,26 +15,65 @@ pictures() { find "$1" -name "*.$2" | sort | xargs -n 1 basename | tr '\n' ' '; 
 column() { cut -f "$1" "$2" | tr '\n' ' '; }
 usda_frames() { grep -oE '^        [0-9]+: \(\(|(start|end)TimeCode = [0-9]+' "$1" | tr '\n' ' ' | tr -d ':( '; }
 
-# saved_cameras_have_the_frame_numbers_of_the_images (a .chan file may begin anywhere, be on twos or not sorted)
+# saved_cameras_have_the_frame_numbers_of_the_images (a .chan file may begin anywhere, be on twos or not sorted; views are in the order of the frames)
 printf '1003 0 0 3 0 0 0 50\n1001 0 0 1 0 0 0 50\n1007 0 0 7 0 0 0 50\n' >"$temporary/twos.chan"
 run 0 render "$model" --camera "$temporary/twos.chan" --size 16x12 --aov rgba --save-cameras json,chan,usda -o "$temporary/twos"
 check names_of_twos test "$(pictures "$temporary/twos" exr)" = 'frame_01001.exr frame_01003.exr frame_01007.exr '
 check chan_of_twos test "$(column 1,4 "$temporary/twos/cameras.chan" | tr '\t' :)" = '1001:1 1003:3 1007:7 '
 check usda_of_twos test "$(usda_frames "$temporary/twos/cameras.usda")" = startTimeCode=1001endTimeCode=1007100110031007
 check usda_samples_of_twos test "$(grep -cE '^        (1001|1003|1007): ' "$temporary/twos/cameras.usda")" = 18
-json "$temporary/twos/cameras.json" 'map([.id, .img_name]) == [[0, "frame_01003"], [1, "frame_01001"], [2, "frame_01007"]]'
+json "$temporary/twos/cameras.json" 'map([.id, .img_name]) == [[0, "frame_01001"], [1, "frame_01003"], [2, "frame_01007"]]'
 run 0 render "$model" --camera "$temporary/twos.chan" --size 16x12 --view frame_01007 --aov rgba --save-cameras chan -o "$temporary/one"
 check chan_of_one_view test "$(column 1,4 "$temporary/one/cameras.chan" | tr '\t' :)" = '1007:7 '
 run 2 render "$model" --camera "$temporary/twos.chan" --size 16x12 --first-frame 7 --save-cameras chan -o "$temporary/none"
 one_line
 reports "--first-frame has no effect on a .chan file, which numbers its frames"
 
-# frame_numbers_are_named_if_they_are_given_as_positions
-run 1 render "$model" --camera "$temporary/twos.chan" --size 16x12 --frames 1001-1003 -o "$temporary/none"
-one_line
-reports "--frames: 1001 is out of range; --frames counts from 0: choose from 0 to 2 for the frames numbered 1001 to 1007"
-run 1 render "$model" "$room" --orbit 4 --first-frame 11 --frames 11 --size 16x12 -o "$temporary/none"
-reports "--frames: 11 is out of range; --frames counts from 0: choose from 0 to 3 for the frames numbered 11 to 14"
+# frames_are_selected_by_their_numbers (of a .chan file, also negative ones; the names are as without --frames)
+printf -- '-10 0 0 -1 0 0 0 50\n2 0 0 2 0 0 0 50\n-2 0 0 -2 0 0 0 50\n0 0 0 5 0 0 0 50\n' >"$temporary/handles.chan"
+twos='frame_01001.exr frame_01003.exr frame_01007.exr ' handles='frame_-0010.exr frame_-0002.exr frame_00000.exr frame_00002.exr '
+while IFS='|' read -r file range frames warning; do
+    rm -rf "$temporary/ranged"
+    run 0 render "$model" --camera "$temporary/$file.chan" --size 16x12 --frames "$range" --aov rgba --json -o "$temporary/ranged"
+    check "$file: $range" test "$(jq -r '.files[] | split("/") | last' "$temporary/stdout" | tr '\n' ' ')" = "$frames"
+    check "warnings of $range" test "$(sed -n 's/^sparegs: warning: //p' "$temporary/stderr")" = "$warning"
+done <<END
+twos|1001-1007|$twos|
+twos|1003|frame_01003.exr |
+twos|1002-1006|frame_01003.exr |
+twos|1001-1007:3|frame_01001.exr frame_01007.exr |
+twos|1001-1100:2|$twos|--frames: 1100 is out of range; the last frame is 1007
+twos|1-1003|frame_01001.exr frame_01003.exr |--frames: 1 is out of range; the first frame is 1001
+handles|-10-2|$handles|
+handles|-10--2:4|frame_-0010.exr frame_-0002.exr |
+handles|-2|frame_-0002.exr |
+handles|0-2|frame_00000.exr frame_00002.exr |
+END
+while IFS='|' read -r range problem; do
+    run 1 render "$model" --camera "$temporary/twos.chan" --size 16x12 --frames "$range" -o "$temporary/none"
+    one_line
+    reports "--frames: $problem"
+done <<'END'
+0-2|2 is out of range; choose from the frames 1001 to 1007
+1008-2000|1008 is out of range; choose from the frames 1001 to 1007
+1004-1006|no frame is selected; of the frames 1001 to 1007, the first one from 1004 on is 1007
+0-1100:1000|no frame is selected; of the frames 1001 to 1007, the first one from 0 on is 1001
+END
+for bad in 2--10 -2--10 1003-1001 - -- 1-- 1-2:-1 20000000; do
+    run 2 render "$model" --camera "$temporary/twos.chan" --size 16x12 --frames "$bad" -o "$temporary/none"
+    reports "--frames: '$bad' is not FIRST-LAST or FIRST-LAST:STEP with frame numbers"
+done
+# those of other cameras count from --first-frame; camera files have all frames
+run 1 render "$model" "$room" --orbit 4 --first-frame 11 --frames 3 --size 16x12 -o "$temporary/none"
+reports "--frames: 3 is out of range; choose from the frames 11 to 14"
+run 0 render "$model" "$room" --split all --first-frame 101 --frames 102-103 --size 16x12 --aov rgba -o "$temporary/numbered"
+check the_second_and_third_view test "$(pictures "$temporary/numbered" exr)" = '0002.exr 0003.exr '
+rm -rf "$temporary/ranged"
+run 0 render "$model" --camera "$temporary/handles.chan" --size 16x12 --frames -2 --aov rgba --save-cameras json,chan,usda -o "$temporary/ranged"
+check chan_of_handles test "$(column 1,4 "$temporary/ranged/cameras.chan" | tr '\t' :)" = '-10:-1 -2:-2 0:5 2:2 '
+check usda_of_handles grep -qE '^        -10: \(\(' "$temporary/ranged/cameras.usda"
+run 0 render "$model" --camera "$temporary/ranged/cameras.chan" --size 16x12 --skip-existing --aov rgba --json -o "$temporary/ranged"
+json "$temporary/stdout" '.skipped == 1 and ([.files[] | split("/") | last] == ["frame_-0010.exr", "frame_00000.exr", "frame_00002.exr"])'
 
 # usda_cameras_fit_usda_models: a primitive 0.7 right of, 0.4 above and 5 in front of a camera with f 80 x 100 and the
 # principal point 30, 26 is at 30 + 80 0.7 / 5 = 41.2, 26 - 100 0.4 / 5 = 18 in its image
@@ -82,13 +121,13 @@ check the_pixel_by_the_files awk '
 # chan_angles_are_continuous: pitch beyond straight up, yaw over 180 degrees, roll by more than a full turn
 printf '%s 0 0 0 %s %s %s 50\n' 1 70 150 0 2 80 165 40 3 91 180 80 4 100 195 120 5 110 210 160 6 120 225 200 7 130 240 240 \
     8 140 255 280 9 150 270 320 10 160 285 360 11 170 300 400 12 180 315 440 >"$temporary/turns.chan"
-run 0 render "$model" --camera "$temporary/turns.chan" --size 8x6 --frames 0 --aov rgba --save-cameras chan -o "$temporary/turns"
+run 0 render "$model" --camera "$temporary/turns.chan" --size 8x6 --frames 1 --aov rgba --save-cameras chan -o "$temporary/turns"
 check the_angles_of_the_input awk 'NR == FNR { for (k = 5; k <= 7; ++k) a[$1, k] = $k; next }
     { for (k = 5; k <= 7; ++k) { d = a[$1, k] - $k; if (!(d * d < 1e-10)) { print $1, k, a[$1, k], $k; bad = 1 } } }
     END { exit bad || FNR != 12 }' "$temporary/turns.chan" "$temporary/turns/cameras.chan"
 # straight up, only the difference of yaw and roll is defined: the roll stays
 sed 's/^3 .*/3 0 0 0 90 180 80 50/' "$temporary/turns.chan" >"$temporary/pole.chan"
-run 0 render "$model" --camera "$temporary/pole.chan" --size 8x6 --frames 0 --aov rgba --save-cameras chan -o "$temporary/pole"
+run 0 render "$model" --camera "$temporary/pole.chan" --size 8x6 --frames 1 --aov rgba --save-cameras chan -o "$temporary/pole"
 check the_roll_stays awk '{ d = $5 - 90; e = $6 - 140; f = $7 - 40 } NR == 3 { exit !(d * d + e * e + f * f < 1e-10) }' \
     "$temporary/pole/cameras.chan"
 check others_are_as_before test "$(sed 3d "$temporary/pole/cameras.chan")" = "$(sed 3d "$temporary/turns/cameras.chan")"
@@ -237,15 +276,23 @@ check usda_has_it bash -c "! grep -q warning '$temporary/stderr'"
 run 0 render "$model" "$temporary/square" --orbit 3 --frames 0 --aov rgba --save-cameras chan -o "$temporary/square_chan"
 check square_pixels bash -c "! grep -q warning '$temporary/stderr'"
 
-# videos_record_the_pixel_aspect_ratio (a replacement for ffmpeg stores its arguments; then the real one, where it is)
+# videos_record_the_pixel_aspect_ratio (a replacement for ffmpeg stores arguments and frames; then the real one, where it is)
 mkdir "$temporary/bin"
-printf '#!/bin/sh\nprintf "%%s\\n" "$@" >%s\nexec cat >/dev/null\n' "$temporary/arguments" >"$temporary/bin/ffmpeg"
+printf '#!/bin/bash\nprintf "%%s\\n" "$@" >%s\nfilm=${*: -1}\nexec cat >"${film#file:}"\n' "$temporary/arguments" >"$temporary/bin/ffmpeg"
 chmod +x "$temporary/bin/ffmpeg"
 filters() { PATH=$temporary/bin:$PATH run 0 render "$model" "$1" --orbit 2 --size 32x18 --video "$temporary/film.$2" &&
     grep -xA1 -- -vf "$temporary/arguments" | tail -n 1; }
 check aspect_of_mp4 test "$(filters "$temporary/squeezed" mp4 | grep -o 'tv,.*')" = tv,setsar=r=0.5:max=1000
 check aspect_of_avi test "$(filters "$temporary/squeezed" avi | grep -o '2,set.*')" = 2,setsar=r=0.5:max=1000
 check square_pixels bash -c "! grep -q setsar <<<'$(filters "$temporary/square" mp4)'"
+# videos_have_the_order_of_the_frame_numbers
+tac "$temporary/orbit/cameras.chan" >"$temporary/backwards.chan"
+for name in orbit/cameras backwards; do
+    PATH=$temporary/bin:$PATH run 0 render "$model" --camera "$temporary/$name.chan" --frames 8-20:4 --size 32x18 --video "$temporary/${name%/*}.mp4"
+done
+check four_frames test "$(stat -c %s "$temporary/orbit.mp4")" = $((4 * 32 * 18 * 3))
+check which_differ test "$(split -b $((32 * 18 * 3)) --filter=md5sum "$temporary/orbit.mp4" | sort -u | wc -l)" = 4
+check the_same_order cmp "$temporary/orbit.mp4" "$temporary/backwards.mp4"
 if installed ffprobe; then
     run 0 render "$model" "$temporary/squeezed" --orbit 2 --size 32x18 --video "$temporary/real.mp4"
     check aspect_of_the_video test "$(ffprobe -v error -show_entries stream=sample_aspect_ratio -of csv=p=0 "$temporary/real.mp4")" = 1:2

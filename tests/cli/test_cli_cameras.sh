@@ -43,8 +43,8 @@ for frames in 0-3 0-1 2-3; do
 done
 json "$temporary/parts/cameras.json" 'map([.id, .img_name]) == [range(4) | [., "orbit_0000\(.)"]]'
 alike --fail 0 "$temporary/orbit/orbit_00003.exr" "$temporary/some/orbit_00003.exr"
-# the_first_frame_has_the_given_number (in names, .chan and .usda; --frames and ids count from 0)
-run 0 render "$model" "$room" --orbit 4 --first-frame 1001 --frames 1-2 --aov rgba --save-cameras json,chan,usda -o "$temporary/shot"
+# the_first_frame_has_the_given_number (in names, .chan, .usda and --frames; ids count from 0)
+run 0 render "$model" "$room" --orbit 4 --first-frame 1001 --frames 1002-1003 --aov rgba --save-cameras json,chan,usda -o "$temporary/shot"
 check frames_from_1001 test "$(pictures "$temporary/shot" exr)" = 'orbit_01002.exr orbit_01003.exr '
 alike --fail 0 "$temporary/orbit/orbit_00001.exr" "$temporary/shot/orbit_01002.exr"
 json "$temporary/shot/cameras.json" 'map([.id, .img_name]) == [range(4) | [., "orbit_0\(. + 1001)"]]'
@@ -61,9 +61,9 @@ run 1 render "$model" --camera "$temporary/shot/cameras.json" --first-frame 7 -o
 reports "shot/cameras.json: --first-frame has no effect on cameras with names"
 one_line
 jq 'map(del(.img_name))' "$temporary/shot/cameras.json" >"$temporary/nameless.json"
-run 0 render "$model" --camera "$temporary/nameless.json" --first-frame 7 --frames 3 --size 32x20 --aov rgba -o "$temporary/shot_nameless"
+run 0 render "$model" --camera "$temporary/nameless.json" --first-frame 7 --frames 10 --size 32x20 --aov rgba -o "$temporary/shot_nameless"
 check frame_10 test "$(pictures "$temporary/shot_nameless" exr)" = 'camera_10.exr '
-run 0 render "$model" --camera "$temporary/shot/cameras.json" --first-frame 7 --frames 0 --size 32x20 --aov rgba --save-cameras chan \
+run 0 render "$model" --camera "$temporary/shot/cameras.json" --first-frame 7 --frames 7 --size 32x20 --aov rgba --save-cameras chan \
     -o "$temporary/shot_named"
 check names_are_kept test "$(pictures "$temporary/shot_named" exr)" = 'orbit_01001.exr '
 check chan_from_7 test "$(cut -f 1 "$temporary/shot_named/cameras.chan" | tr '\n' ' ')" = '7 8 9 10 '
@@ -567,6 +567,7 @@ done <<'END'
 1 0 0 0 0 nan 0 50\n|line 1: must be eight numbers
 1 0 0 0 0 0x 0 50\n|line 1: must be eight numbers
 1.5 0 0 0 0 0 0 50\n|line 1: must begin with a frame number
+2000000 0 0 0 0 0 0 50\n|line 1: must begin with a frame number from -1000000 to 1000000
 1 0 0 0 0 0 0 179\n|line 1: must end with a field of view between 0 and 179 degrees
 %0600d\n|line 1: is too long
 END

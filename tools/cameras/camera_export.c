@@ -166,27 +166,14 @@ static void write_usda(FILE *out, const camera_list *list, double fps)
     fputs("    }\n    uniform token[] xformOpOrder = [\"xformOp:transform\"]\n}\n", out);
 }
 
-static int compare_frames(const void *a, const void *b)
-{
-    const named_camera *x = a, *y = b;
-    return x->frame == y->frame ? strcmp(x->stem, y->stem) : x->frame < y->frame ? -1 : 1;
-}
-
-// `write` gets the cameras sorted by frame.
 static bool write_with(const char *path, const camera_list *list, double fps,
                        void (*write)(FILE *, const camera_list *, double))
 {
     char *text = NULL;
     size_t size;
-    camera_list sorted = *list;
-    sorted.cameras = malloc(list->count * sizeof *sorted.cameras);
-    FILE *memory = sorted.cameras ? open_memstream(&text, &size) : NULL;
-    if (memory) {
-        memcpy(sorted.cameras, list->cameras, list->count * sizeof *sorted.cameras);
-        qsort(sorted.cameras, sorted.count, sizeof *sorted.cameras, compare_frames);
-        write(memory, &sorted, fps);
-    }
-    free(sorted.cameras);
+    FILE *memory = open_memstream(&text, &size);
+    if (memory)
+        write(memory, list, fps);
     if (!memory || fclose(memory)) {
         free(text);
         fail_run("%s: not enough memory for %zu cameras", path, list->count);

@@ -12,8 +12,8 @@
 enum { CAMERAS_JSON = 1, CAMERAS_CHAN = 2, CAMERAS_USDA = 4 };
 
 // Writes FOLDER/cameras.json, .chan, .usda for the bits of `formats`. Ids are positions in the
-// list; .chan and .usda are sorted by frame. fps, frames per second (> 0), is that of .usda. False
-// after printing the error, also for cameras that are not perspective where .chan or .usda is
+// list, whose cameras must be sorted by frame. fps, frames per second (> 0), is that of .usda.
+// False after printing the error, also for cameras that are not perspective where .chan or .usda is
 // wanted. Warns about what a format omits.
 bool cameras_export(const char *folder, unsigned formats, const camera_list *list, double fps);
 

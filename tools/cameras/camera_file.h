@@ -19,7 +19,7 @@ typedef struct named_camera {
     sgs_camera file_camera; // at the size of the image file; of paths: width 0
     sgs_pose pose;
     int orientation; // Exif, of the image file, 1 to 8; 0: unknown
-    int frame;       // its number in .chan and .usda
+    int frame;       // its number in --frames, .chan and .usda
 } named_camera;
 
 typedef struct camera_list {
@@ -29,7 +29,7 @@ typedef struct camera_list {
     double arc;       // of an orbit that is not a full circle, degrees; else 0
     int first;        // number of the first camera as a frame
     bool is_numbered; // some names contain such a number
-    bool has_frames;  // the cameras have the frame numbers of their file
+    bool has_frames;  // the cameras have the frame numbers of their file, and are sorted by them
     sgs_scene *scene; // owned: the data set of --camera, without images; or NULL
 } camera_list;
 

@@ -15,7 +15,6 @@
 #include "cli/input_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/value_order.h"
 
 enum { FRAME, POSITION, ANGLES = 4, FIELD_OF_VIEW = 7, COLUMNS = 8, MAX_FRAME = 1000000 };
 
@@ -68,9 +67,8 @@ static const char *read_camera(const char *line, int width, int height, named_ca
         return "has no field of view; export it with the camera";
     if (count != COLUMNS)
         return "must be eight numbers: frame, translation, rotation and vertical field of view";
-    if (!(columns[FRAME] >= 0 && columns[FRAME] <= MAX_FRAME) ||
-        columns[FRAME] != floor(columns[FRAME]))
-        return "must begin with a frame number from 0 to 1000000";
+    if (!(fabs(columns[FRAME]) <= MAX_FRAME) || columns[FRAME] != floor(columns[FRAME]))
+        return "must begin with a frame number from -1000000 to 1000000";
     if (!(columns[FIELD_OF_VIEW] > 0 && columns[FIELD_OF_VIEW] < 179))
         return "must end with a field of view between 0 and 179 degrees";
     camera->camera = camera_pinhole(width, height, columns[FIELD_OF_VIEW]);
@@ -131,25 +129,23 @@ static bool read_lines(const char *path, FILE *file, int width, int height, came
     return done;
 }
 
-// False after printing the error.
-static bool frames_differ(const char *path, const camera_list *list)
+static int compare_frames(const void *a, const void *b)
 {
-    bool differ = true;
-    int *frames = malloc(list->count * sizeof *frames);
-    if (!frames) {
-        fail_run("%s: not enough memory for %zu cameras", path, list->count);
-        return false;
-    }
-    for (size_t i = 0; i < list->count; ++i)
-        frames[i] = list->cameras[i].frame;
-    qsort(frames, list->count, sizeof *frames, compare_ints);
-    for (size_t i = 1; i < list->count && differ; ++i)
-        if (frames[i] == frames[i - 1]) {
-            fail_run("%s: contains frame %d more than once", path, frames[i]);
-            differ = false;
+    const int x = ((const named_camera *)a)->frame, y = ((const named_camera *)b)->frame;
+    return (x > y) - (x < y);
+}
+
+// Sorts the cameras by frame: videos show them in this order. False after printing the error.
+static bool sort_frames(const char *path, camera_list *list)
+{
+    const named_camera *cameras = list->cameras;
+    qsort(list->cameras, list->count, sizeof *list->cameras, compare_frames);
+    for (size_t i = 1; i < list->count; ++i)
+        if (cameras[i].frame == cameras[i - 1].frame) {
+            fail_run("%s: contains frame %d more than once", path, cameras[i].frame);
+            return false;
         }
-    free(frames);
-    return differ;
+    return true;
 }
 
 bool chan_file_read(const char *path, int width, int height, camera_list *list)
@@ -170,7 +166,7 @@ bool chan_file_read(const char *path, int width, int height, camera_list *list)
         fail_run("%s: contains no cameras", path);
         done = false;
     }
-    done = done && frames_differ(path, list);
+    done = done && sort_frames(path, list);
     if (!done)
         camera_list_free(list);
     return done;

@@ -19,7 +19,8 @@
 static bool parse_number(const char **at, int low, int high, int *value)
 {
     char *end;
-    if (**at < '0' || **at > '9')
+    const char *digits = *at + (low < 0 && **at == '-');
+    if (*digits < '0' || *digits > '9')
         return false;
     const long number = strtol(*at, &end, 10);
     *at = end;
@@ -29,14 +30,17 @@ static bool parse_number(const char **at, int low, int high, int *value)
 
 bool frame_range_parse(const char *text, frame_range *range)
 {
-    enum { MAX_FRAME = 1000000 };
+    enum { MAX_FRAME = 10000000 }; // some paths end after 1000000, the largest --first-frame
     const char *at = text;
     *range = (frame_range){.step = 1};
-    if (!parse_number(&at, 0, MAX_FRAME, &range->first))
+    if (!parse_number(&at, -MAX_FRAME, MAX_FRAME, &range->first))
         return false;
     range->last = range->first;
-    if (*at == '-' && (++at, !parse_number(&at, range->first, MAX_FRAME, &range->last)))
-        return false;
+    if (*at == '-') {
+        ++at;
+        if (!parse_number(&at, -MAX_FRAME, MAX_FRAME, &range->last) || range->last < range->first)
+            return false;
+    }
     if (*at == ':' && (++at, !parse_number(&at, 1, MAX_FRAME, &range->step)))
         return false;
     return !*at;
@@ -49,12 +53,17 @@ bool size_parse(const char *text, int *width, int *height)
            parse_number(&at, 1, 65536, height) && !*at;
 }
 
-// Keeps cameras first, first + step, ... up to last, counted from 0.
-static void keep_range(camera_list *list, size_t first, size_t last, size_t step)
+static bool in_range(const frame_range *range, int frame)
+{
+    return !range->step || (frame >= range->first && frame <= range->last &&
+                            (frame - range->first) % range->step == 0);
+}
+
+void cameras_keep_frames(const frame_range *range, camera_list *list)
 {
     size_t count = 0;
     for (size_t i = 0; i < list->count; ++i) {
-        if (i >= first && i <= last && (i - first) % step == 0)
+        if (in_range(range, list->cameras[i].frame))
             list->cameras[count++] = list->cameras[i];
         else
             named_camera_free(&list->cameras[i]);
@@ -62,10 +71,13 @@ static void keep_range(camera_list *list, size_t first, size_t last, size_t step
     list->count = count;
 }
 
-void cameras_keep_frames(const frame_range *range, camera_list *list)
+static void keep_camera(camera_list *list, size_t kept)
 {
-    if (range->step)
-        keep_range(list, (size_t)range->first, (size_t)range->last, (size_t)range->step);
+    for (size_t i = 0; i < list->count; ++i)
+        if (i != kept)
+            named_camera_free(&list->cameras[i]);
+    list->cameras[0] = list->cameras[kept];
+    list->count = 1;
 }
 
 static bool missing_view(const char *path, const char *view, const camera_list *list)
@@ -107,7 +119,7 @@ static bool keep_view(const char *path, const char *view, camera_list *list)
     if (view && least < 0)
         return missing_view(path, view, list);
     if (view)
-        keep_range(list, best, best, 1);
+        keep_camera(list, best);
     return true;
 }
 
@@ -245,33 +257,48 @@ static void reshape(const camera_choice *choice, named_camera *view)
         *camera = sized_camera(view, choice->width, choice->height);
 }
 
-// Returns false. Names the frame numbers of cameras that have others than their positions.
-static bool fail_frames(int first, const camera_list *list)
+// The numbers of a .chan file, or those counted from --first-frame.
+static void number_frames(camera_list *list)
 {
-    const size_t last = list->count - 1;
-    int low = list->has_frames ? list->cameras[0].frame : list->first,
-        high = list->has_frames ? low : low + (int)last;
-    for (size_t i = 0; list->has_frames && i <= last; ++i) {
-        const int frame = list->cameras[i].frame;
-        low = frame < low ? frame : low;
-        high = frame > high ? frame : high;
+    for (size_t i = 0; i < list->count && !list->has_frames; ++i)
+        list->cameras[i].frame = list->first + (int)i;
+}
+
+// Returns false. The range has no camera, whose frames are numbered from low to high.
+static bool fail_frames(const frame_range *range, int low, int high, const camera_list *list)
+{
+    if (range->first > high || range->last < low) {
+        fail_run("--frames: %d is out of range; choose from the frames %d to %d",
+                 range->first > high ? range->first : range->last, low, high);
+        return false;
     }
-    if (low || high != (int)last)
-        fail_run("--frames: %d is out of range; --frames counts from 0: choose from 0 to %zu for "
-                 "the frames numbered %d to %d",
-                 first, last, low, high);
-    else
-        fail_run("--frames: %d is out of range; choose from the frames 0 to %zu", first, last);
+    int next = high;
+    for (size_t i = 0; i < list->count; ++i) {
+        const int frame = list->cameras[i].frame;
+        next = frame >= range->first && frame < next ? frame : next;
+    }
+    fail_run("--frames: no frame is selected; of the frames %d to %d, the first one from %d on is "
+             "%d",
+             low, high, range->first, next);
     return false;
 }
 
 static bool frames_exist(const frame_range *range, const camera_list *list)
 {
-    if (range->step && (size_t)range->first >= list->count)
-        return fail_frames(range->first, list);
-    if (range->step && (size_t)range->last >= list->count)
-        print_warning("--frames: %d is out of range; the last frame is %zu", range->last,
-                      list->count - 1);
+    int low = list->cameras[0].frame, high = low;
+    bool any = false;
+    for (size_t i = 0; i < list->count; ++i) {
+        const int frame = list->cameras[i].frame;
+        low = frame < low ? frame : low;
+        high = frame > high ? frame : high;
+        any = any || in_range(range, frame);
+    }
+    if (!any)
+        return fail_frames(range, low, high, list);
+    if (range->step && range->first < low)
+        print_warning("--frames: %d is out of range; the first frame is %d", range->first, low);
+    if (range->step && range->last > high)
+        print_warning("--frames: %d is out of range; the last frame is %d", range->last, high);
     return true;
 }
 
@@ -300,17 +327,18 @@ static bool undistort(named_camera *view)
 bool cameras_choose(const camera_choice *choice, const sgs_scene *scene, camera_list *list)
 {
     *list = (camera_list){0};
-    bool done = source_cameras(choice, scene, list) && frames_exist(&choice->frames, list);
+    bool done = source_cameras(choice, scene, list);
+    if (done) {
+        number_frames(list);
+        done = frames_exist(&choice->frames, list);
+    }
     for (size_t i = 0; i < list->count && done && choice->pinhole; ++i)
         done = undistort(&list->cameras[i]);
     if (!done) {
         camera_list_free(list);
         return false;
     }
-    for (size_t i = 0; i < list->count; ++i) {
-        named_camera *camera = &list->cameras[i];
-        camera->frame = list->has_frames ? camera->frame : list->first + (int)i;
-        reshape(choice, camera);
-    }
+    for (size_t i = 0; i < list->count; ++i)
+        reshape(choice, &list->cameras[i]);
     return true;
 }

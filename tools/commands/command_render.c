@@ -325,15 +325,15 @@ static bool can_overscan(const camera_list *cameras)
     return true;
 }
 
-// False after printing the error: neither a name nor a camera file would contain the number.
+// False after printing the error: no name, camera file or range of frames would use the number.
 static bool can_number(const command_line *line, const render_values *values,
                        const camera_list *cameras)
 {
-    if (!option_given(line, "first-frame") || cameras->is_numbered ||
+    if (!option_given(line, "first-frame") || cameras->is_numbered || values->frames ||
         camera_formats(values) & (CAMERAS_CHAN | CAMERAS_USDA))
         return true;
     fail_run("%s: --first-frame has no effect on cameras with names; omit it, or add "
-             "--save-cameras chan or usda",
+             "--frames, or --save-cameras chan or usda",
              values->camera);
     return false;
 }
@@ -436,7 +436,7 @@ static int check_values(const command_line *line, const render_values *values,
     if (values->view && !values->film && !option_given(line, "save-cameras") && values->fps > 0)
         return refuse_idle(line, "fps", "on --view, a still image");
     if (values->frames && !frame_range_parse(values->frames, &choice->frames))
-        return fail_usage("--frames: '%s' is not FIRST-LAST or FIRST-LAST:STEP, counted from 0",
+        return fail_usage("--frames: '%s' is not FIRST-LAST or FIRST-LAST:STEP with frame numbers",
                           values->frames);
     if (values->size && !size_parse(values->size, &choice->width, &choice->height))
         return fail_usage("--size: '%s' is not WIDTHxHEIGHT, each from 1 to 65536", values->size);

@@ -101,10 +101,9 @@ const option render_options[RENDER_OPTIONS] = {
      .high = 1000000,
      .argument = "N",
      .initial = "0",
-     .needs = "orbit|spiral|camera|save-cameras=chan|save-cameras=usda",
-     .help = "frame number of the first frame, used in the file names of paths and of cameras "
-             "without a name, in .chan and in .usda; a .chan input has its own numbers; --frames "
-             "counts from 0 regardless"},
+     .needs = "orbit|spiral|camera|frames|save-cameras=chan|save-cameras=usda",
+     .help = "frame number of the first frame: in the file names of paths and of cameras without a "
+             "name, in .chan, in .usda and for --frames; a .chan input has its own numbers"},
     {.name = "save-cameras",
      .kind = OPTION_SET,
      .offset = AT(save_cameras),
@@ -118,7 +117,8 @@ const option render_options[RENDER_OPTIONS] = {
      .offset = AT(frames),
      .argument = "A-B[:STEP]",
      .shown = "all",
-     .help = "render only this range of the selected views, counted from 0"},
+     .help = "render only the selected views with these frame numbers, which count from "
+             "--first-frame or are those of a .chan input"},
     {.name = "skip-existing",
      .kind = OPTION_FLAG,
      .offset = AT(skip_existing),

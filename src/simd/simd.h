@@ -35,6 +35,32 @@
 #include "simd/simd_common.h"
 #endif
 
+// With few registers, code with many values works on one part of the lanes after the other. A vf of
+// a part is valid in all operations on vf and vm, but only vf_store_part stores it, and vm_bits and
+// sums over the lanes are undefined. p: the row of all sixteen lanes.
+#ifndef SIMD_PARTS
+#define SIMD_PARTS 1
+static inline vf vf_load_part(const float *p, int part)
+{
+    (void)part;
+    return vf_load(p);
+}
+static inline void vf_store_part(float *p, int part, vf x)
+{
+    (void)part;
+    vf_store(p, x);
+}
+static inline vf vf_part(vf x, int part)
+{
+    (void)part;
+    return x;
+}
+static inline vf vf_join_parts(const vf parts[SIMD_PARTS])
+{
+    return parts[0];
+}
+#endif
+
 static inline vf vf_clamp(vf a, vf low, vf high)
 {
     return vf_min(vf_max(a, low), high);

@@ -253,3 +253,46 @@ static inline void vi_store_i16(int16_t *p, vi x)
 {
     _mm256_storeu_si256((__m256i *)p, _mm256_permute4x64_epi64(_mm256_packs_epi32(x.a, x.b), 0xD8));
 }
+
+// Compresses the lanes of a quarter to p and returns their number. Writes four words.
+static inline unsigned compress4(int32_t *p, unsigned bits, __m128i x)
+{
+    static const int32_t source[16][4] __attribute__((aligned(16))) = {
+        {0, 0, 0, 0}, {0, 0, 0, 0}, {1, 0, 0, 0}, {0, 1, 0, 0}, {2, 0, 0, 0}, {0, 2, 0, 0},
+        {1, 2, 0, 0}, {0, 1, 2, 0}, {3, 0, 0, 0}, {0, 3, 0, 0}, {1, 3, 0, 0}, {0, 1, 3, 0},
+        {2, 3, 0, 0}, {0, 2, 3, 0}, {1, 2, 3, 0}, {0, 1, 2, 3}};
+    const __m128i lanes = _mm_load_si128((const __m128i *)source[bits]);
+    _mm_storeu_ps((float *)p, _mm_permutevar_ps(_mm_castsi128_ps(x), lanes));
+    return (unsigned)__builtin_popcount(bits);
+}
+
+// Compresses the lanes of m to p and returns their number. May overwrite all sixteen words at p.
+static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
+{
+    const unsigned bits = vm_bits(m);
+    unsigned count = compress4(p, bits & 15, _mm256_castsi256_si128(x.a));
+    count += compress4(p + count, bits >> 4 & 15, _mm256_extracti128_si256(x.a, 1));
+    count += compress4(p + count, bits >> 8 & 15, _mm256_castsi256_si128(x.b));
+    return count + compress4(p + count, bits >> 12, _mm256_extracti128_si256(x.b, 1));
+}
+
+// See simd.h. Both registers hold the lanes of the part; the compiler computes them once.
+#define SIMD_PARTS 2
+static inline vf vf_load_part(const float *p, int part)
+{
+    const __m256 x = _mm256_load_ps(p + 8 * part);
+    return (vf){x, x};
+}
+static inline void vf_store_part(float *p, int part, vf x)
+{
+    _mm256_store_ps(p + 8 * part, x.a);
+}
+static inline vf vf_part(vf x, int part)
+{
+    const __m256 y = part ? x.b : x.a;
+    return (vf){y, y};
+}
+static inline vf vf_join_parts(const vf parts[SIMD_PARTS])
+{
+    return (vf){parts[0].a, parts[1].a};
+}

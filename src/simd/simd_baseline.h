@@ -441,3 +441,14 @@ static inline void vi_store_i16(int16_t *p, vi x)
     for (int i = 0; i < 16; ++i)
         p[i] = (int16_t)lanes[i];
 }
+
+// Compresses the lanes of m to p and returns their number. May overwrite all sixteen words at p.
+static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
+{
+    int32_t lanes[16] __attribute__((aligned(64)));
+    vi_store(lanes, x);
+    unsigned count = 0;
+    for (unsigned bits = vm_bits(m); bits; bits &= bits - 1)
+        p[count++] = lanes[__builtin_ctz(bits)];
+    return count;
+}

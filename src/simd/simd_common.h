@@ -27,17 +27,6 @@ static inline vm vf_between(vf x, vf low, vf high)
     return vm_and(vf_gt(x, low), vf_le(x, high));
 }
 
-// Compresses the lanes of m to p and returns their number. May overwrite all sixteen words at p.
-static inline unsigned vi_compress_store(int32_t *p, vm m, vi x)
-{
-    int32_t lanes[16] __attribute__((aligned(64)));
-    vi_store(lanes, x);
-    unsigned count = 0;
-    for (unsigned bits = vm_bits(m); bits; bits &= bits - 1)
-        p[count++] = lanes[__builtin_ctz(bits)];
-    return count;
-}
-
 typedef int16_t simd_keys __attribute__((vector_size(2 * SIMD_KEYS)));
 
 // ranks[i] = position of keys[i] in ascending order, equal keys in the order of the array. keys and

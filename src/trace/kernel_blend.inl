@@ -94,7 +94,7 @@ static inline response respond(const float *r, const slopes *s, const block_rays
 
 // Rows of evaluated entries, in groups of four. A group of sentinels precedes the first one:
 // transparent and in front of everything. The last group is padded with rows without a hit.
-enum { GROUP = 4 };
+enum { GROUP = 4, CHUNK = 32 }; // CHUNK: entries evaluated before their groups are ordered
 
 typedef struct hit_rows {
     float *restrict alpha, *restrict t;
@@ -118,9 +118,9 @@ static inline hit_rows open_rows(const sgsi_scratch *s)
 }
 
 // 1 - alpha, recomputed: a subtraction is cheaper than another stored row.
-static inline vf load_through(const hit_rows *rows, ptrdiff_t i)
+static inline vf load_through(const hit_rows *rows, ptrdiff_t i, int part)
 {
-    return vf_sub(vf_set1(1.0f), vf_load(rows->alpha + 16 * i));
+    return vf_sub(vf_set1(1.0f), vf_load_part(rows->alpha + 16 * i, part));
 }
 
 // `alpha` holds its logarithm until order_group.
@@ -144,25 +144,25 @@ static inline void put_sentinels(const hit_rows *rows)
 // the list. Equal distances keep the order of the list: by the 15-bit key of t on the block's
 // centre ray (kernel_sort.inl), then by |delta|, then by id. False for rows without a hit (NaN),
 // which hide nothing.
-static inline vm in_front(const hit_rows *rows, vf t_j, ptrdiff_t i)
+static inline vm in_front(const hit_rows *rows, vf t_j, ptrdiff_t i, int part)
 {
-    return vf_le(t_j, vf_load(rows->t + 16 * i));
+    return vf_le(t_j, vf_load_part(rows->t + 16 * i, part));
 }
 
 // T of the four entries of a group with respect to each other.
-static inline void order_within(const hit_rows *rows, ptrdiff_t first, const vf through[GROUP],
-                                vf front[GROUP])
+static inline void order_within(const hit_rows *rows, ptrdiff_t first, int part,
+                                const vf through[GROUP], vf front[GROUP])
 {
     for (int j = 0; j < GROUP; ++j) {
-        const vf t_j = vf_load(rows->t + 16 * (first + j));
+        const vf t_j = vf_load_part(rows->t + 16 * (first + j), part);
         for (int i = j + 1; i < GROUP; ++i) {
-            const vm before = in_front(rows, t_j, first + i);
+            const vm before = in_front(rows, t_j, first + i, part);
             front[i] = vf_mul_where(before, front[i], through[j]);
             front[j] = vf_mul_where(vm_not(before), front[j], through[i]);
         }
     }
     for (int i = 0; i < GROUP; ++i)
-        vf_store(rows->transmittance + 16 * (first + i), front[i]);
+        vf_store_part(rows->transmittance + 16 * (first + i), part, front[i]);
 }
 
 // Computes alpha of the four entries of group g, and their T as if all earlier groups were in
@@ -170,7 +170,7 @@ static inline void order_within(const hit_rows *rows, ptrdiff_t first, const vf 
 // whether an entry lies in front of an earlier group. The factors of T are multiplied in list
 // order, (((prefix f_j) f_j+1) ...), over the entries in front only. An entry that hides nothing
 // therefore does not change a single bit wherever it is in the list, and depth bounds may omit it.
-static inline bool order_group(const hit_rows *rows, uint32_t g, vf *prefix, vf *t_last)
+static inline bool order_group(const hit_rows *rows, uint32_t g, int part, vf *prefix, vf *t_last)
 {
     const ptrdiff_t first = (ptrdiff_t)g * GROUP;
     vf through[GROUP], front[GROUP];
@@ -179,59 +179,86 @@ static inline bool order_group(const hit_rows *rows, uint32_t g, vf *prefix, vf 
         // The exponential is computed here for four entries, not in respond(): the dependency chain
         // from record to alpha would be too long for out-of-order execution.
         float *const row = rows->alpha + 16 * (first + i);
-        const vf t = vf_load(rows->t + 16 * (first + i));
-        const vf alpha = vf_min(vf_exp2(vf_load(row)), vf_set1(ALPHA_MAX));
-        vf_store(row, alpha);
+        const vf t = vf_load_part(rows->t + 16 * (first + i), part);
+        const vf alpha = vf_min(vf_exp2(vf_load_part(row, part)), vf_set1(ALPHA_MAX));
+        vf_store_part(row, part, alpha);
         through[i] = vf_sub(vf_set1(1.0f), alpha);
         nearest = vf_min(t, nearest); // if either is NaN, the second operand
         farthest = vf_max(t, farthest);
         all = vf_mul(all, through[i]);
         front[i] = *prefix;
     }
-    vf_store(rows->prefix + 16 * g, *prefix);
-    vf_store(rows->t_before + 16 * g, *t_last);
-    order_within(rows, first, through, front);
+    vf_store_part(rows->prefix + 16 * g, part, *prefix);
+    vf_store_part(rows->t_before + 16 * g, part, *t_last);
+    order_within(rows, first, part, through, front);
     const bool swapped = vm_any(vf_lt(nearest, *t_last)) != 0;
     *prefix = all;
     *t_last = farthest;
     return swapped;
 }
 
-// Orders group g and records it if order_back must correct it. Branch-free, see evaluate_block.
-static inline void order_next(sgsi_scratch *s, const hit_rows *rows, uint32_t g, vf *prefix,
-                              vf *t_last)
+// Orders the groups from begin to end and records those that order_back must correct. Branch-free,
+// see evaluate_block.
+static inline void order_groups(sgsi_scratch *s, const hit_rows *rows, uint32_t begin, uint32_t end,
+                                vf *prefix, vf *t_last)
 {
-    s->swapped[s->swapped_count].group = g;
-    s->swapped_count += order_group(rows, g, prefix, t_last);
+    bool swapped[CHUNK / GROUP] = {false};
+    vf prefixes[SIMD_PARTS], last[SIMD_PARTS];
+    for (int part = 0; part < SIMD_PARTS; ++part) {
+        prefixes[part] = vf_part(*prefix, part);
+        last[part] = vf_part(*t_last, part);
+        for (uint32_t g = begin; g < end; ++g)
+            swapped[g - begin] |= order_group(rows, g, part, &prefixes[part], &last[part]);
+    }
+    for (uint32_t g = begin; g < end; ++g) {
+        s->swapped[s->swapped_count].group = g;
+        s->swapped_count += swapped[g - begin];
+    }
+    *prefix = vf_join_parts(prefixes);
+    *t_last = vf_join_parts(last);
+}
+
+// order_back in a part of the lanes.
+static inline uint32_t order_back_part(const hit_rows *rows, uint32_t g, int part)
+{
+    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
+    vf through[GROUP], front[GROUP], nearest = vf_set1(INFINITY);
+    for (int i = 0; i < GROUP; ++i) {
+        through[i] = load_through(rows, first + i, part);
+        nearest = vf_min(vf_load_part(rows->t + 16 * (first + i), part), nearest);
+    }
+    ptrdiff_t back = g;
+    while (back >= 0 && vm_any(vf_lt(nearest, vf_load_part(rows->t_before + 16 * back, part))))
+        --back;
+    if (back == g)
+        return 0;
+    for (int i = 0; i < GROUP; ++i)
+        front[i] = vf_load_part(rows->prefix + 16 * back, part);
+    for (ptrdiff_t at = back * GROUP; at < first; ++at) {
+        const vf t_j = vf_load_part(rows->t + 16 * at, part),
+                 through_j = load_through(rows, at, part);
+        vf front_j = vf_load_part(rows->transmittance + 16 * at, part);
+        for (int i = 0; i < GROUP; ++i) {
+            const vm before = in_front(rows, t_j, first + i, part);
+            front[i] = vf_mul_where(before, front[i], through_j);
+            front_j = vf_mul_where(vm_not(before), front_j, through[i]);
+        }
+        vf_store_part(rows->transmittance + 16 * at, part, front_j);
+    }
+    order_within(rows, first, part, through, front);
+    return (uint32_t)(g - back);
 }
 
 // Corrects T of group g and of the earlier groups that are not entirely in front of it. Returns the
 // number of these.
 static inline uint32_t order_back(const hit_rows *rows, uint32_t g)
 {
-    const ptrdiff_t first = (ptrdiff_t)g * GROUP;
-    vf through[GROUP], front[GROUP], nearest = vf_set1(INFINITY);
-    for (int i = 0; i < GROUP; ++i) {
-        through[i] = load_through(rows, first + i);
-        nearest = vf_min(vf_load(rows->t + 16 * (first + i)), nearest);
+    uint32_t back = 0;
+    for (int part = 0; part < SIMD_PARTS; ++part) {
+        const uint32_t own = order_back_part(rows, g, part);
+        back = own > back ? own : back;
     }
-    ptrdiff_t back = g;
-    while (back >= 0 && vm_any(vf_lt(nearest, vf_load(rows->t_before + 16 * back))))
-        --back;
-    for (int i = 0; i < GROUP; ++i)
-        front[i] = vf_load(rows->prefix + 16 * back);
-    for (ptrdiff_t at = back * GROUP; at < first; ++at) {
-        const vf t_j = vf_load(rows->t + 16 * at), through_j = load_through(rows, at);
-        vf front_j = vf_load(rows->transmittance + 16 * at);
-        for (int i = 0; i < GROUP; ++i) {
-            const vm before = in_front(rows, t_j, first + i);
-            front[i] = vf_mul_where(before, front[i], through_j);
-            front_j = vf_mul_where(vm_not(before), front_j, through[i]);
-        }
-        vf_store(rows->transmittance + 16 * at, front_j);
-    }
-    order_within(rows, first, through, front);
-    return (uint32_t)(g - back);
+    return back;
 }
 
 // Removes from order[begin..count) the entries that cannot hit this block in front of distance
@@ -267,8 +294,6 @@ static inline float largest_lane(vf x)
             lanes[i] = lanes[i + stride] > lanes[i] ? lanes[i + stride] : lanes[i];
     return lanes[0];
 }
-
-enum { CHUNK = 32 };
 
 // Evaluates the entries of a block in order: alpha, t and T of each, and the groups that are out of
 // order. Removes entries that hit no pixel and returns the number kept. Once the product of a lane
@@ -314,8 +339,8 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
             r = next;
             current = next_slopes;
         }
-        for (; ordered + GROUP <= kept; ordered += GROUP)
-            order_next(s, &rows, ordered / GROUP, &prefix, &t_last);
+        order_groups(s, &rows, ordered / GROUP, kept / GROUP, &prefix, &t_last);
+        ordered = kept / GROUP * GROUP;
         const vm saturated = vm_and(vf_lt(prefix, vf_set1(TRANSMITTANCE_MIN)), vf_ge(far, open));
         if (vm_any(saturated)) {
             far = vf_select(saturated, t_last, far);
@@ -327,7 +352,7 @@ static inline uint32_t evaluate_block(sgsi_scratch *s, const sgsi_tile_rays *ray
     if (ordered < kept) {
         for (uint32_t k = kept; k < ordered + GROUP; ++k)
             put_row(&rows, k, vf_set1(NO_HIT), vf_set1(NAN));
-        order_next(s, &rows, ordered / GROUP, &prefix, &t_last);
+        order_groups(s, &rows, ordered / GROUP, ordered / GROUP + 1, &prefix, &t_last);
     }
     for (uint32_t k = 0; k < s->swapped_count; ++k)
         s->swapped[k].back = order_back(&rows, s->swapped[k].group);
@@ -440,45 +465,47 @@ static void tile_forward(sgsi_scratch *s, sgsi_tile_target *target)
 }
 
 // Corrects `behind` for swapped pairs within a group.
-static inline void order_behind_within(const hit_rows *rows, ptrdiff_t first, const vf q[GROUP],
-                                       float *restrict behind)
+static inline void order_behind_within(const hit_rows *rows, ptrdiff_t first, int part,
+                                       const float *restrict q, float *restrict behind)
 {
     const vf zero = vf_zero();
-    vf gained[GROUP] = {zero, zero, zero, zero};
+    vf gained[GROUP] = {zero, zero, zero, zero}, q_i[GROUP];
+    for (int i = 0; i < GROUP; ++i)
+        q_i[i] = vf_load_part(q + 16 * (first + i), part);
     for (int j = 0; j < GROUP; ++j) {
-        const vf t_j = vf_load(rows->t + 16 * (first + j));
+        const vf t_j = vf_load_part(rows->t + 16 * (first + j), part);
         for (int i = j + 1; i < GROUP; ++i) {
-            const vm swapped = vm_not(in_front(rows, t_j, first + i));
-            gained[i] = vf_add_where(swapped, gained[i], q[j]);
-            gained[j] = vf_sub_where(swapped, gained[j], q[i]);
+            const vm swapped = vm_not(in_front(rows, t_j, first + i, part));
+            gained[i] = vf_add_where(swapped, gained[i], q_i[j]);
+            gained[j] = vf_sub_where(swapped, gained[j], q_i[i]);
         }
     }
     for (int i = 0; i < GROUP; ++i)
-        vf_store(behind + 16 * (first + i), gained[i]);
+        vf_store_part(behind + 16 * (first + i), part, gained[i]);
 }
 
 // Corrects `behind` for swapped pairs of a group and the `back` groups before it.
 static inline void order_behind_back(const hit_rows *rows, const float *restrict q,
-                                     float *restrict behind, ptrdiff_t g, ptrdiff_t back)
+                                     float *restrict behind, ptrdiff_t g, ptrdiff_t back, int part)
 {
     const ptrdiff_t first = g * GROUP;
     vf q_i[GROUP], gained[GROUP];
     for (int i = 0; i < GROUP; ++i) {
-        q_i[i] = vf_load(q + 16 * (first + i));
-        gained[i] = vf_load(behind + 16 * (first + i));
+        q_i[i] = vf_load_part(q + 16 * (first + i), part);
+        gained[i] = vf_load_part(behind + 16 * (first + i), part);
     }
     for (ptrdiff_t at = first - back * GROUP; at < first; ++at) {
-        const vf t_j = vf_load(rows->t + 16 * at), q_j = vf_load(q + 16 * at);
-        vf lost = vf_load(behind + 16 * at);
+        const vf t_j = vf_load_part(rows->t + 16 * at, part), q_j = vf_load_part(q + 16 * at, part);
+        vf lost = vf_load_part(behind + 16 * at, part);
         for (int i = 0; i < GROUP; ++i) {
-            const vm swapped = vm_not(in_front(rows, t_j, first + i));
+            const vm swapped = vm_not(in_front(rows, t_j, first + i, part));
             gained[i] = vf_add_where(swapped, gained[i], q_j);
             lost = vf_sub_where(swapped, lost, q_i[i]);
         }
-        vf_store(behind + 16 * at, lost);
+        vf_store_part(behind + 16 * at, part, lost);
     }
     for (int i = 0; i < GROUP; ++i)
-        vf_store(behind + 16 * (first + i), gained[i]);
+        vf_store_part(behind + 16 * (first + i), part, gained[i]);
 }
 
 typedef struct block_gradient {
@@ -494,7 +521,6 @@ static inline vf weigh_block(const sgsi_scratch *s, const hit_rows *rows, const 
     const float *restrict projected = s->tile_projected;
     vf end = vf_set1(1.0f);
     for (uint32_t first = 0; first < count; first += GROUP) {
-        vf q_i[GROUP];
         for (uint32_t k = 0; k < GROUP; ++k) {
             const uint32_t i = first + k; // the last group is padded with rows without a hit
             const float *r = projected + 16 * (size_t)order[i < count ? i : first];
@@ -504,21 +530,23 @@ static inline vf weigh_block(const sgsi_scratch *s, const hit_rows *rows, const 
             const vf w = vf_keep(counts, vf_mul(front, alpha));
             const float *color = r + SGSI_PROJECTED_COLOR;
             end = vf_mul_where(counts, end, through);
-            q_i[k] = vf_mul(w, vf_fma(vf_set1(color[0]), d->color[0],
-                                      vf_fma(vf_set1(color[1]), d->color[1],
-                                             vf_mul(vf_set1(color[2]), d->color[2]))));
+            const vf q_i = vf_mul(w, vf_fma(vf_set1(color[0]), d->color[0],
+                                            vf_fma(vf_set1(color[1]), d->color[1],
+                                                   vf_mul(vf_set1(color[2]), d->color[2]))));
             vf_store(rows->transmittance + 16 * i, w);
             vf_store(rows->alpha + 16 * i, vf_keep(counts, vf_div(alpha, through)));
-            vf_store(q + 16 * i, q_i[k]);
+            vf_store(q + 16 * i, q_i);
         }
-        order_behind_within(rows, first, q_i, behind);
+        for (int part = 0; part < SIMD_PARTS; ++part)
+            order_behind_within(rows, first, part, q, behind);
     }
     for (int k = -GROUP; k < 0; ++k) {
         vf_store(q + 16 * k, vf_zero());
         vf_store(behind + 16 * k, vf_zero());
     }
     for (uint32_t k = 0; k < s->swapped_count; ++k)
-        order_behind_back(rows, q, behind, s->swapped[k].group, s->swapped[k].back);
+        for (int part = 0; part < SIMD_PARTS; ++part)
+            order_behind_back(rows, q, behind, s->swapped[k].group, s->swapped[k].back, part);
     return end;
 }
 

@@ -34,9 +34,9 @@ static void score_block(sgsi_scratch *s, const sgsi_tile_list *list, const sgsi_
     const vf x = vf_add(vf_load(offset_x), vf_set1((float)(target->rays->x + 4 * (b % 4))));
     const vf y = vf_add(vf_load(offset_y), vf_set1((float)(target->rays->y + 4 * (b / 4))));
     for (uint32_t i = 0; i < count; ++i) {
-        const vf front = vf_load(rows.transmittance + 16 * i), through = load_through(&rows, i);
-        const vf w = vf_keep(vf_ge(vf_mul(front, through), vf_set1(TRANSMITTANCE_MIN)),
-                             vf_mul(front, vf_load(rows.alpha + 16 * i)));
+        const vf front = vf_load(rows.transmittance + 16 * i), alpha = vf_load(rows.alpha + 16 * i);
+        const vf w = vf_keep(vf_ge(vf_mul(front, vf_sub(one, alpha)), vf_set1(TRANSMITTANCE_MIN)),
+                             vf_mul(front, alpha));
         const vm counted = vf_gt(w, zero);
         vf distance = zero;
         if (planes->centers) {

@@ -146,14 +146,13 @@ static void mirror(float params[SGS_PARAM_COUNT])
 
 sgs_status sgsi_usd_splats_decode(const sgsi_usd_splats *prim, bool z_up, sgsi_rows *rows)
 {
-    static const double from_z_up[4][4] = {{1, 0, 0, 0}, {0, 0, -1, 0}, {0, 1, 0, 0}, {0, 0, 0, 1}};
     const size_t coefficients = (size_t)sgsi_rest_coefficients(prim->sh_degree) + 1;
     double world[4][4];
     sgsi_similarity similarity;
     bool mirrored;
     memcpy(world, prim->world, sizeof world);
     if (z_up)
-        sgsi_usd_multiply(world, from_z_up);
+        sgsi_usd_turn_y_up(world);
     if (splat_count(prim) &&
         !sgsi_usd_similarity((const double(*)[4])world, &similarity, &mirrored))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,

@@ -9,22 +9,14 @@
 #include "formats/usd_transform.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "base/core.h"
 #include "sparegs/camera.h"
 
 #define DEGREE (3.14159265358979323846 / 180.0)
 
-static const char prefix[] = "xformOp:", invert[] = "!invert!", reset[] = "!resetXformStack!";
-
-void sgsi_usd_transform_begin(sgsi_usd_transform *transform)
-{
-    transform->count = 0;
-    transform->listed = 0;
-    transform->resets = false;
-    transform->crowded = false;
-}
+static const char invert[] = "!invert!", reset[] = "!resetXformStack!";
 
 // ---- Matrices ----
 
@@ -108,27 +100,43 @@ static void orient(const double q[4], double matrix[4][4])
         memcpy(matrix[i], rows[i], sizeof rows[i]);
 }
 
-bool sgsi_usd_similarity(const double matrix[4][4], sgsi_similarity *similarity, bool *mirrored)
+void sgsi_usd_turn_y_up(double matrix[4][4])
 {
-    double quaternion[4];
+    static const double from_z_up[4][4] = {{1, 0, 0, 0}, {0, 0, -1, 0}, {0, 1, 0, 0}, {0, 0, 0, 1}};
+    sgsi_usd_multiply(matrix, from_z_up);
+}
+
+bool sgsi_usd_decompose(const double matrix[4][4], double rotation[9], double *scale,
+                        bool *mirrored, bool *sheared)
+{
     const double volume =
         matrix[0][0] * (matrix[1][1] * matrix[2][2] - matrix[1][2] * matrix[2][1]) -
         matrix[0][1] * (matrix[1][0] * matrix[2][2] - matrix[1][2] * matrix[2][0]) +
         matrix[0][2] * (matrix[1][0] * matrix[2][1] - matrix[1][1] * matrix[2][0]);
-    const double scale = cbrt(fabs(volume)), square = scale * scale;
-    bool valid = isfinite(square) && square > 0.0 && fabs(matrix[3][3] - 1.0) < 1e-6;
-    sgs_pose pose = {0};
+    const double size = cbrt(fabs(volume)), square = size * size;
+    bool valid = isfinite(square) && square > 0.0 && fabs(matrix[3][3] - 1.0) < 1e-6,
+         orthogonal = true;
     *mirrored = volume < 0.0;
+    *scale = size;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) {
             const double product = matrix[i][0] * matrix[j][0] + matrix[i][1] * matrix[j][1] +
                                    matrix[i][2] * matrix[j][2];
-            valid = valid && fabs(product - (i == j ? square : 0.0)) < 2e-3 * square;
-            pose.rotation[3 * j + i] = matrix[i][j] / (volume < 0.0 ? -scale : scale);
+            orthogonal = orthogonal && fabs(product - (i == j ? square : 0.0)) < 2e-3 * square;
+            rotation[3 * j + i] = matrix[i][j] / (volume < 0.0 ? -size : size);
         }
     for (int k = 0; k < 3; ++k)
         valid = valid && isfinite(matrix[3][k]) && fabs(matrix[k][3]) < 1e-6;
-    if (!valid)
+    *sheared = !orthogonal;
+    return valid;
+}
+
+bool sgsi_usd_similarity(const double matrix[4][4], sgsi_similarity *similarity, bool *mirrored)
+{
+    double scale, quaternion[4];
+    sgs_pose pose = {0};
+    bool sheared;
+    if (!sgsi_usd_decompose(matrix, pose.rotation, &scale, mirrored, &sheared) || sheared)
         return false;
     sgs_pose_quaternion(&pose, quaternion);
     *similarity = sgsi_similarity_make(scale, quaternion, matrix[3]);
@@ -177,123 +185,133 @@ static void operation_matrix(const char *type, const double *values, double matr
     }
 }
 
-// Numbers in parentheses, or one number.
-static int read_values(const char *text, locale_t c_locale, double values[16])
+void sgsi_usd_transform_begin(sgsi_usd_transform *transform, bool keeps)
 {
-    int count = 0, open = 0;
-    while (count < 16) {
-        text += strspn(text, " \t\r\n,");
-        if (*text == '(' || *text == ')') {
-            open += *text++ == '(' ? 1 : -1;
-        } else {
-            char *end;
-            values[count] = strtod_l(text, &end, c_locale);
-            if (end == text)
-                break;
-            ++count;
-            text = end;
-        }
-        if (open <= 0)
-            break;
-    }
-    return count;
+    *transform = (sgsi_usd_transform){.keeps = keeps};
 }
 
-static sgsi_usd_operation *find_operation(sgsi_usd_transform *transform, const char *name,
-                                          size_t length)
+void sgsi_usd_transform_free(sgsi_usd_transform *transform)
 {
     for (int k = 0; k < transform->count; ++k)
-        if (strlen(transform->operations[k].name) == length &&
-            !strncmp(transform->operations[k].name, name, length))
-            return &transform->operations[k];
-    if (transform->count == SGSI_USD_OPERATIONS) {
+        sgsi_usd_value_free(&transform->operations[k].value);
+    sgsi_free(transform->operations);
+    transform->operations = NULL;
+    transform->count = 0;
+}
+
+// Index of the operation, which is added if it is new; -1 if there are too many. False without
+// memory.
+static bool find_operation(sgsi_usd_transform *transform, const char *name, size_t length,
+                           int *index)
+{
+    const int count = transform->count;
+    for (*index = 0; *index < count; ++*index)
+        if (strlen(transform->operations[*index].name) == length &&
+            !strncmp(transform->operations[*index].name, name, length))
+            return true;
+    if (count == SGSI_USD_OPERATIONS) {
         transform->crowded = true;
-        return NULL;
+        *index = -1;
+        return true;
     }
+    if (!sgsi_grow((void **)&transform->operations, (size_t)count, (size_t)count + 1,
+                   sizeof *transform->operations))
+        return false;
     sgsi_usd_operation *made = &transform->operations[transform->count++];
     *made = (sgsi_usd_operation){0};
     memcpy(made->name, name, length);
-    return made;
+    return true;
 }
 
-void sgsi_usd_transform_set(sgsi_usd_transform *transform, const char *name, const char *text,
-                            locale_t c_locale)
+bool sgsi_usd_transform_set(sgsi_usd_transform *transform, const char *name, sgsi_usd_text text)
 {
     const size_t length = strcspn(name, ".");
-    const bool animated =
-        !strcmp(name + length, ".timeSamples") || !strcmp(name + length, ".spline");
-    if (length > SGSI_USD_NAME || (name[length] && !animated)) // a connection has no value
-        return;
-    sgsi_usd_operation *operation = find_operation(transform, name, length);
-    if (!operation)
-        return;
-    operation->animated |= animated;
-    text += strspn(text, " \t\r\n");
-    if (animated || !strncmp(text, "None", 4))
-        return;
-    operation->given = true;
-    operation->count = read_values(text, c_locale, operation->values);
+    int index;
+    if (!find_operation(transform, name, length, &index))
+        return false;
+    return index < 0 || sgsi_usd_value_set(&transform->operations[index].value, name + length, text,
+                                           transform->keeps);
 }
 
-void sgsi_usd_transform_order(sgsi_usd_transform *transform, const char *text)
+// One entry of xformOpOrder. False without memory.
+static bool list_operation(sgsi_usd_transform *transform, const char *name, size_t length)
 {
+    if (length == sizeof reset - 1 && !strncmp(name, reset, length)) {
+        transform->resets = true;
+        transform->listed = 0;
+        return true;
+    }
+    const bool inverse = length > sizeof invert - 1 && !strncmp(name, invert, sizeof invert - 1);
+    name += inverse ? sizeof invert - 1 : 0;
+    length -= inverse ? sizeof invert - 1 : 0;
+    int index = -1;
+    if (transform->listed == SGSI_USD_OPERATIONS)
+        transform->crowded = true;
+    else if (!find_operation(transform, name, length < SGSI_USD_NAME ? length : SGSI_USD_NAME,
+                             &index))
+        return false;
+    if (index < 0)
+        return true;
+    transform->order[transform->listed].operation = index;
+    transform->order[transform->listed++].inverse = inverse;
+    return true;
+}
+
+bool sgsi_usd_transform_order(sgsi_usd_transform *transform, sgsi_usd_text text)
+{
+    char word[SGSI_USD_NAME + 1];
     transform->listed = 0;
     transform->resets = false;
-    text += strspn(text, " \t\r\n");
-    if (*text++ != '[')
-        return;
-    for (;;) {
-        text += strspn(text, " \t\r\n,");
-        const char quote = *text;
-        if (quote != '"' && quote != '\'')
-            return;
-        const char *start = ++text;
-        for (; *text && *text != quote; ++text)
-            ;
-        size_t length = (size_t)(text - start);
-        text += *text != 0;
-        if (length == sizeof reset - 1 && !strncmp(start, reset, length)) {
-            transform->resets = true;
-            transform->listed = 0;
-            continue;
+    if (!sgsi_usd_accept(&text, "["))
+        return true;
+    while (!transform->crowded && sgsi_usd_token(&text, word)) {
+        if (*word == '"' || *word == '\'') {
+            if (!list_operation(transform, text.string, text.string_length))
+                return false;
+        } else if (*word != ',') {
+            break;
         }
-        const bool inverse =
-            length > sizeof invert - 1 && !strncmp(start, invert, sizeof invert - 1);
-        start += inverse ? sizeof invert - 1 : 0;
-        length -= inverse ? sizeof invert - 1 : 0;
-        if (transform->listed == SGSI_USD_OPERATIONS) {
-            transform->crowded = true;
-            return;
-        }
-        length = length < SGSI_USD_NAME ? length : SGSI_USD_NAME;
-        char *name = transform->order[transform->listed].name;
-        memcpy(name, start, length);
-        name[length] = 0;
-        transform->order[transform->listed++].inverse = inverse;
     }
+    return true;
+}
+
+// `time` NULL: without time samples.
+static sgsi_usd_fault evaluate(const sgsi_usd_transform *transform, const double *time,
+                               double matrix[4][4], bool *between)
+{
+    sgsi_usd_identity(matrix);
+    for (int k = transform->listed - 1; k >= 0; --k) {
+        const sgsi_usd_operation *operation = &transform->operations[transform->order[k].operation];
+        const sgsi_usd_value *value = &operation->value;
+        const char *type = operation->name + sizeof "xformOp:" - 1;
+        double numbers[SGSI_USD_NUMBERS], factor[4][4];
+        bool mixed;
+        if (time ? value->has_spline && !value->sample_count
+                 : value->has_spline || value->has_samples)
+            return SGSI_USD_ANIMATED;
+        const sgsi_usd_blend blend = strncmp(type, "orient", 6) ? SGSI_USD_LINEAR : SGSI_USD_SLERP;
+        const int count = sgsi_usd_value_at(value, time ? *time : 0.0, blend, numbers, &mixed);
+        if (!count)
+            continue;
+        if (count != value_count(type, strcspn(type, ":")))
+            return SGSI_USD_INVALID;
+        operation_matrix(type, numbers, factor);
+        if (transform->order[k].inverse)
+            invert_matrix(factor);
+        sgsi_usd_multiply(matrix, factor);
+        *between |= mixed && !strncmp(type, "transform", 9);
+    }
+    return transform->crowded ? SGSI_USD_CROWDED : SGSI_USD_SOUND;
 }
 
 sgsi_usd_fault sgsi_usd_transform_matrix(const sgsi_usd_transform *transform, double matrix[4][4])
 {
-    sgsi_usd_identity(matrix);
-    for (int k = transform->listed - 1; k >= 0; --k) {
-        const char *name = transform->order[k].name;
-        const sgsi_usd_operation *found = NULL;
-        for (int j = 0; j < transform->count; ++j)
-            if (!strcmp(transform->operations[j].name, name))
-                found = &transform->operations[j];
-        if (found && found->animated)
-            return SGSI_USD_ANIMATED;
-        if (!found || !found->given)
-            continue;
-        const char *type = name + sizeof prefix - 1;
-        double factor[4][4];
-        if (found->count != value_count(type, strcspn(type, ":")) || !found->count)
-            return SGSI_USD_INVALID;
-        operation_matrix(type, found->values, factor);
-        if (transform->order[k].inverse)
-            invert_matrix(factor);
-        sgsi_usd_multiply(matrix, factor);
-    }
-    return transform->crowded ? SGSI_USD_CROWDED : SGSI_USD_SOUND;
+    bool between = false;
+    return evaluate(transform, NULL, matrix, &between);
+}
+
+sgsi_usd_fault sgsi_usd_transform_at(const sgsi_usd_transform *transform, double time,
+                                     double matrix[4][4], bool *between)
+{
+    return evaluate(transform, &time, matrix, between);
 }

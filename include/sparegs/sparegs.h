@@ -21,6 +21,7 @@
 #include "sparegs/rate_distortion.h"
 #include "sparegs/model_edit.h"
 #include "sparegs/model_file.h"
+#include "sparegs/usd_cameras.h"
 #include "sparegs/region.h"
 #include "sparegs/scene.h"
 #include "sparegs/blocks.h"

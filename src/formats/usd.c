@@ -122,7 +122,8 @@ static void write_camera(FILE *stream, const sgs_model_camera *camera, size_t nu
 {
     const double *r = camera->rotation, *t = camera->translation;
     const double focal = camera->fx * APERTURE / camera->width,
-                 height = camera->height * focal / camera->fy;
+                 height = camera->height * focal / camera->fy,
+                 aspect = sgs_pixel_aspect(camera->fx, camera->fy, camera->width, camera->height);
     double center[3];
     for (int k = 0; k < 3; ++k)
         center[k] = -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2]);
@@ -143,6 +144,8 @@ static void write_camera(FILE *stream, const sgs_model_camera *camera, size_t nu
             "            float verticalApertureOffset = %.9g\n",
             focal, APERTURE, (0.5 * camera->width - camera->cx) * APERTURE / camera->width, height,
             (camera->cy - 0.5 * camera->height) * focal / camera->fy);
+    if (aspect != 1.0) // as in sgs_usd_cameras_read
+        fprintf(stream, "            custom float sparegs:pixelAspectRatio = %.9g\n", aspect);
     fprintf(stream,
             "            matrix4d xformOp:transform = ( (%.17g, %.17g, %.17g, 0), (%.17g, %.17g, "
             "%.17g, 0), (%.17g, %.17g, %.17g, 0), (%.17g, %.17g, %.17g, 1) )\n"

@@ -25,6 +25,9 @@ check usda_samples_of_twos test "$(grep -cE '^        (1001|1003|1007): ' "$temp
 json "$temporary/twos/cameras.json" 'map([.id, .img_name]) == [[0, "frame_01001"], [1, "frame_01003"], [2, "frame_01007"]]'
 run 0 render "$model" --camera "$temporary/twos.chan" --size 16x12 --view frame_01007 --aov rgba --save-cameras chan -o "$temporary/one"
 check chan_of_one_view test "$(column 1,4 "$temporary/one/cameras.chan" | tr '\t' :)" = '1007:7 '
+run 0 render "$model" --camera "$temporary/twos/cameras.usda" --size 16x12 --aov rgba --save-cameras chan -o "$temporary/ones"
+check names_of_ones test "$(pictures "$temporary/ones" exr)" = "$(printf 'frame_0100%s.exr ' 1 2 3 4 5 6 7)"
+check chan_of_ones test "$(column 1,4 "$temporary/ones/cameras.chan" | tr '\t' :)" = "$(printf '100%s:%s ' 1 1 2 2 3 3 4 4 5 5 6 6 7 7)"
 run 2 render "$model" --camera "$temporary/twos.chan" --size 16x12 --first-frame 7 --save-cameras chan -o "$temporary/none"
 one_line
 reports "--first-frame has no effect on a .chan file, which numbers its frames"
@@ -117,6 +120,14 @@ check the_pixel_by_the_files awk '
     }
     FILENAME ~ /pixel$/ { print u, v, $0; exit !(-p[2] > 4.9 && ($1 - u) ^ 2 + ($2 - v) ^ 2 < 0.01) }' \
     "$temporary/film" "$temporary/center" "$temporary/pixel"
+# the_files_render_the_same_image, of pixels that are 1.25 times as wide as high; of images in another shape with a warning
+alike() { check "alike $2" oiiotool --failpercent 0 --hardfail 1e30 --fail 1e-3 "$1" "$2" --diff; }
+run 0 render "$temporary/model.usda" --camera "$camera" --size 64x48 --aov rgba -o "$temporary/seen_usda"
+check no_warning bash -c "! grep -q warning '$temporary/stderr'"
+alike "$temporary/seen/a.exr" "$temporary/seen_usda/frame_00000.exr"
+run 0 render "$temporary/model.usda" --camera "$camera" --size 80x48 --aov rgba --save-cameras json -o "$temporary/seen_usda"
+reports "the film of camera 'camera' has the aspect ratio 1.333, the images 1.667: the vertical field of view is kept; images of 64x48 pixels"
+json "$temporary/seen_usda/cameras.json" '.[0] | [.fx - 80, .fy - 100, .cx - 38, .cy - 26] | all(.[]; fabs < 1e-6)'
 
 # chan_angles_are_continuous: pitch beyond straight up, yaw over 180 degrees, roll by more than a full turn
 printf '%s 0 0 0 %s %s %s 50\n' 1 70 150 0 2 80 165 40 3 91 180 80 4 100 195 120 5 110 210 160 6 120 225 200 7 130 240 240 \
@@ -210,6 +221,13 @@ odd "$temporary/odd" --downscale 4 --size 80x41
 camera_is "$saved" 45 45 41 20
 odd "$temporary/odd" --downscale 4 --size 60x82
 camera_is "$saved" 90 90 32 40
+
+# a_model_and_its_cameras_are_one_file
+run 0 convert "$model" "$temporary/odd.usda" "$temporary/odd"
+run 0 render "$model" "$temporary/odd" --view 2 --near 0.1 --aov rgba -o "$temporary/odd_direct"
+run 0 render "$temporary/odd.usda" --camera "$temporary/odd.usda" --view camera_1 --size 60x41 --near 0.1 --aov rgba -o "$temporary/odd_usda"
+check one_camera test "$(pictures "$temporary/odd_usda" exr)" = 'camera_1.exr '
+alike "$temporary/odd_direct/2.exr" "$temporary/odd_usda/camera_1.exr"
 
 # a_view_without_distortion_fits_its_cameras: focal lengths and principal point of the photo, and positions that project to
 # their pixels by cameras.json and by worldToNDC, whose last row is the depth
@@ -306,11 +324,17 @@ printf '<?xml version="1.0"?>\n<document/>\n' >"$temporary/cameras.xml"
 printf '# Bundle file v0.3\n1 1\n' >"$temporary/bundle.out"
 printf 'name,x,y\n' >"$temporary/cameras.csv"
 printf ' \n' >"$temporary/empty"
-for file in shot.abc shot.FBX shot.usdc cameras.xml bundle.out cameras.csv empty; do
+for file in shot.abc shot.FBX cameras.xml bundle.out cameras.csv empty; do
     run 1 render "$model" --camera "$temporary/$file" --aov rgba -o "$temporary/none"
     one_line
-    reports "/$file: contains no cameras of a known format; cameras are read from cameras.json, transforms.json, .chan,"
-    [[ $file != shot.* ]] || reports "; export the camera as a .chan file"
+    reports "/$file: contains no cameras of a known format; cameras are read from cameras.json, transforms.json, .chan, .usda,"
+    [[ $file != shot.* ]] || reports "; export the camera as a .usda or .chan file"
+done
+for file in shot.usdc missing.usd; do
+    run 1 render "$model" --camera "$temporary/$file" --size 32x18 --aov rgba -o "$temporary/none"
+    one_line
+    reports "/$file: "
+    [[ $file != shot.* ]] || reports "shot.usdc: is binary OpenUSD, which is not read; convert it to text with 'usdcat"
 done
 # a camera path that was saved before its frames were made
 echo '{"keyframes": [{"fov": 50}], "camera_path": [], "render_width": 64, "render_height": 48}' >"$temporary/keys.json"
@@ -342,6 +366,68 @@ one_line
 reports "missing.abc: cannot be read"
 { printf '\357\273\277 \n' && cat "$temporary/square_orbit/cameras.json"; } >"$temporary/cameras_without_ending"
 run 0 render "$model" --camera "$temporary/cameras_without_ending" --frames 0 --size 16x9 --aov rgba -o "$temporary/marked"
+
+# usd_cameras_are_views: the frames of one camera, or several cameras by their names. Two move one unit along z per frame.
+usd_camera() { # NAME METADATA ATTRIBUTES
+    printf 'def Camera "%s"%s\n{\n    float focalLength = 24\n    float horizontalAperture = 32\n    float verticalAperture = 24\n%s\n}\n' "$@"
+}
+moving='    double3 xformOp:translate.timeSamples = { 1001: (0, 0, 1), 1003: (0, 0, 3) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]'
+header='#usda 1.0\n(\n    startTimeCode = 1001\n    endTimeCode = 1003\n    timeCodesPerSecond = 25\n    upAxis = "Y"\n)\n'
+{ printf "$header" && usd_camera shot '' "$moving"; } >"$temporary/shot.usda"
+{ printf "$header" && usd_camera shot '' "$moving" && usd_camera other '' "$moving" && usd_camera still '' '' &&
+    printf 'def Xform "rig"\n{\n' && usd_camera still '' '' && usd_camera off ' (\n    active = false\n)' '' && echo '}'; } >"$temporary/shots"
+usd() { run "$1" render "$model" --camera "$temporary/$2" --size 32x24 --aov rgba -o "$temporary/usd" "${@:3}"; }
+usd 0 shot.usda --save-cameras chan,usda
+check frames_of_the_shot test "$(pictures "$temporary/usd" exr)" = 'frame_01001.exr frame_01002.exr frame_01003.exr '
+check rate_of_the_shot test "$(exr_value framesPerSecond "$temporary/usd/frame_01002.exr")" = '25/1 (25)'
+check usda_rate_of_the_shot grep -q 'timeCodesPerSecond = 25$' "$temporary/usd/cameras.usda"
+check chan_of_the_shot test "$(column 1,4,8 "$temporary/usd/cameras.chan" | tr '\t' : | tr -d -)" = \
+    '1001:1:53.1301024 1002:2:53.1301024 1003:3:53.1301024 '
+usd 1 shot.usda --first-frame 7 --save-cameras chan
+one_line
+reports "shot.usda: --first-frame has no effect: the time samples have frame numbers; omit it"
+usd 1 shot.usda --frames 1001
+one_line
+reports "--frames: 1001 is out of range; --frames counts from 0: choose from 0 to 2 for the frames numbered 1001 to 1003"
+rm -r "$temporary/usd"
+usd 0 shots
+check names_of_the_shots test "$(cd "$temporary/usd" && find . -type f | LC_ALL=C sort | tr '\n' ' ')" = "./other_01001.exr ./other_01002.exr \
+./other_01003.exr ./rig/still.exr ./shot_01001.exr ./shot_01002.exr ./shot_01003.exr ./still.exr "
+for view in other:other_01001.exr,other_01002.exr,other_01003.exr shot_01002:shot_01002.exr still:still.exr; do
+    rm -r "$temporary/usd"
+    usd 0 shots --view "${view%:*}" --save-cameras chan
+    check "pictures of $view" test "$(pictures "$temporary/usd" exr | tr ' ' ,)" = "${view#*:},"
+    check "numbers of $view" test "$(column 1 "$temporary/usd/cameras.chan" | tr ' ' ,)" = "$(case $view in
+        other:*) echo 1001,1002,1003, ;; shot*) echo 1002, ;; *) echo 0, ;; esac)"
+done
+usd 0 shots --view other --fps 12
+check rate_of_a_view test "$(exr_value framesPerSecond "$temporary/usd/other_01002.exr")" = '12/1 (12)'
+usd 1 shots --view shut
+one_line
+reports "shots: no view named 'shut'"
+usd 1 shots --first-frame 7
+one_line
+reports "shots: --first-frame has no effect on cameras with names"
+run 1 render "$model" --camera "$temporary/shot.usda" --aov rgba -o "$temporary/none"
+one_line
+reports "shot.usda: cameras of OpenUSD have no image size; give it with --size"
+cp "$temporary/shot.usda" "$temporary/usd/cameras.usda"
+usd 1 usd/cameras.usda --save-cameras usda
+one_line
+reports "usd/cameras.usda: is the input of --camera and would be replaced; choose another folder"
+{ printf '#usda 1.0\n' && usd_camera top '' '    token projection = "orthographic"'; } >"$temporary/top.usda"
+usd 1 top.usda
+one_line
+reports "top.usda: camera 'top' is orthographic; only perspective cameras are read"
+sed 's/1003: (0, 0, 3)/1003: (0, 0, nan)/' "$temporary/shot.usda" >"$temporary/nan.usd"
+usd 1 nan.usd
+one_line
+reports "nan.usd: camera 'shot', time code 1002: its transform is not finite, or has a scale of 0"
+sed 's/endTimeCode = 1003/endTimeCode = 1e9/' "$temporary/shot.usda" >"$temporary/long.usda"
+usd 1 long.usda
+one_line
+reports "long.usda: camera 'shot' has the time codes 1001 to 1e+09; frames are numbered from 0 to 1000000: set startTimeCode and endTimeCode"
 
 # a_scene_excludes_a_camera_file
 run 2 render "$model" "$room" --camera "$temporary/twos.chan" -o "$temporary/none"

@@ -525,18 +525,25 @@ run 1 render "$model" --camera "$temporary/named.json" --view picture.png -o "$t
 one_line
 reports "named.json: no view named 'picture.png'; its $(jq length "$temporary/named.json") views begin with 'left/IMG_1.jpg'"
 
-run 1 render "$model" --camera "$temporary/some/cameras.usda" --size 20x15 -o "$temporary/none"
-one_line
-reports "cameras.usda: contains no cameras of a known format; cameras are read from cameras.json, transforms.json, .chan, the camera path"
-
 # chan_cameras_are_read (all angles differ from 0; frame numbers become names)
 jq 'map(del(.camera_model, .params, .cx, .cy) | .fy = .fx)' "$model/cameras.json" >"$temporary/hand_held.json"
-run 0 render "$model" --camera "$temporary/hand_held.json" --first-frame 1001 --size 60x40 --aov rgba --save-cameras chan -o "$temporary/hand_held"
+run 0 render "$model" --camera "$temporary/hand_held.json" --first-frame 1001 --size 60x40 --aov rgba --save-cameras json,chan,usda \
+    -o "$temporary/hand_held"
 run 0 render "$model" --camera "$temporary/hand_held/cameras.chan" --size 60x40 --aov rgba --save-cameras json,chan -o "$temporary/from_chan"
 check chan_round_trip cmp "$temporary/hand_held/cameras.chan" "$temporary/from_chan/cameras.chan"
 check chan_names test "$(jq -r '.[1].img_name' "$temporary/from_chan/cameras.json")" = frame_01002
 second=$(jq -r '.[1].img_name' "$temporary/hand_held.json")
 alike --fail 1e-3 "$temporary/hand_held/${second%.*}.exr" "$temporary/from_chan/frame_01002.exr"
+# usda_cameras_are_read (the same frames)
+run 0 render "$model" --camera "$temporary/hand_held/cameras.usda" --size 60x40 --aov rgba --save-cameras json,chan -o "$temporary/from_usda"
+check usda_names test "$(jq -r '.[1].img_name' "$temporary/from_usda/cameras.json")" = frame_01002
+alike --fail 1e-3 "$temporary/hand_held/${second%.*}.exr" "$temporary/from_usda/frame_01002.exr"
+json "$temporary/from_usda/cameras.json" "[., $(jq -c . "$temporary/hand_held/cameras.json")] | transpose | length == 35 and
+    all(.[]; map([.fx, .fy, .cx, .cy, .position[], .rotation[][]]) | transpose |
+        all(.[]; (.[0] - .[1] | fabs) <= 1e-9 * ((.[1] | fabs) + 1)))"
+check chan_from_usda awk 'NR == FNR { for (k = 1; k <= 8; ++k) a[FNR, k] = $k; n = FNR; next }
+    { for (k = 1; k <= 8; ++k) { d = a[FNR, k] - $k; if (!(d * d < 1e-12)) { print FNR, k, a[FNR, k], $k; bad = 1 } } }
+    END { exit bad || !n || FNR != n }' "$temporary/hand_held/cameras.chan" "$temporary/from_usda/cameras.chan"
 # one angle at a time: the camera looks along -z; yaw turns it to -x, pitch up, roll turns its x axis up
 printf '# Nuke\n\n7 1 2 3 0 0 0 90\r\n9 0 0 0 0 90 0 60\n10\t0 0 0 30 0 0 60\n11 0 0 0 0 0 30 60\n' >"$temporary/angles.chan"
 run 0 render "$model" --camera "$temporary/angles.chan" --size 64x48 --aov rgba --save-cameras json -o "$temporary/angles"

@@ -11,7 +11,9 @@
 // the angles of neighbouring frames must not jump by half or full turns.
 //
 // USD: a Camera prim with one time sample per frame. Apertures assume a film back 36 units wide
-// (the width of full-frame film in mm).
+// (the width of full-frame film in mm). Its cameras have no pixel aspect ratio, which follows from
+// the apertures and the size of the images only if the film is known to fit them: our attribute
+// records it where pixels are not square.
 
 #include "cameras/camera_export.h"
 
@@ -107,7 +109,7 @@ static void write_chan(FILE *out, const camera_list *list, double fps)
 
 // Values of a camera in USD's terms.
 typedef struct film {
-    double focal, width, height, offset_x, offset_y;
+    double focal, width, height, offset_x, offset_y, pixel_aspect;
 } film;
 
 static film film_of(const sgs_camera *camera)
@@ -119,12 +121,13 @@ static film film_of(const sgs_camera *camera)
                   .width = FILM_WIDTH,
                   .height = height,
                   .offset_x = (0.5 - cx / camera->width) * FILM_WIDTH,
-                  .offset_y = (cy / camera->height - 0.5) * height};
+                  .offset_y = (cy / camera->height - 0.5) * height,
+                  .pixel_aspect = camera_pixel_aspect(camera)};
 }
 
-static void usd_samples(FILE *out, const camera_list *list, const char *name, size_t offset)
+static void usd_samples(FILE *out, const camera_list *list, const char *declaration, size_t offset)
 {
-    fprintf(out, "    float %s.timeSamples = {\n", name);
+    fprintf(out, "    %s.timeSamples = {\n", declaration);
     for (size_t i = 0; i < list->count; ++i) {
         const film values = film_of(&list->cameras[i].camera);
         double value;
@@ -142,11 +145,17 @@ static void write_usda(FILE *out, const camera_list *list, double fps)
             "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n\ndef Camera \"camera\"\n{\n"
             "    token projection = \"perspective\"\n    float2 clippingRange = (0.01, 100000)\n",
             list->cameras[0].frame, list->cameras[list->count - 1].frame, fps, fps);
-    usd_samples(out, list, "focalLength", offsetof(film, focal));
-    usd_samples(out, list, "horizontalAperture", offsetof(film, width));
-    usd_samples(out, list, "verticalAperture", offsetof(film, height));
-    usd_samples(out, list, "horizontalApertureOffset", offsetof(film, offset_x));
-    usd_samples(out, list, "verticalApertureOffset", offsetof(film, offset_y));
+    usd_samples(out, list, "float focalLength", offsetof(film, focal));
+    usd_samples(out, list, "float horizontalAperture", offsetof(film, width));
+    usd_samples(out, list, "float verticalAperture", offsetof(film, height));
+    usd_samples(out, list, "float horizontalApertureOffset", offsetof(film, offset_x));
+    usd_samples(out, list, "float verticalApertureOffset", offsetof(film, offset_y));
+    bool square = true;
+    for (size_t i = 0; i < list->count && square; ++i)
+        square = camera_pixel_aspect(&list->cameras[i].camera) == 1;
+    if (!square)
+        usd_samples(out, list, "custom float sparegs:pixelAspectRatio",
+                    offsetof(film, pixel_aspect));
     fputs("    matrix4d xformOp:transform.timeSamples = {\n", out);
     for (size_t i = 0; i < list->count; ++i) { // row vectors: a row is an axis, or the centre
         double a[9], c[3];

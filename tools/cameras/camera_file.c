@@ -286,10 +286,10 @@ static bool is_colmap(const char *path)
     return false;
 }
 
-// True for files of 3D programs, which can also export .chan.
+// True for files of 3D programs, which can also export .chan and OpenUSD.
 static bool is_of_3d_program(const char *path)
 {
-    return name_has_ending(path, ".abc|.fbx|.usd|.usda|.usdc|.usdz");
+    return name_has_ending(path, ".abc|.fbx");
 }
 
 // Returns false.
@@ -299,9 +299,10 @@ static bool fail_format(const char *path)
         fail_run("%s: is a file of a COLMAP model; give the folder of the model", path);
     else
         fail_run("%s: contains no cameras of a known format; cameras are read from cameras.json, "
-                 "transforms.json, .chan, the camera path of nerfstudio's viewer and the folder of "
-                 "a COLMAP model%s",
-                 path, is_of_3d_program(path) ? "; export the camera as a .chan file" : "");
+                 "transforms.json, .chan, .usda, the camera path of nerfstudio's viewer and the "
+                 "folder of a COLMAP model%s",
+                 path,
+                 is_of_3d_program(path) ? "; export the camera as a .usda or .chan file" : "");
     return false;
 }
 
@@ -350,6 +351,7 @@ void named_camera_free(named_camera *camera)
 {
     free(camera->name);
     free(camera->stem);
+    free(camera->prim);
 }
 
 size_t evenly_spaced(size_t k, size_t most, size_t count)

@@ -3,7 +3,7 @@
 #pragma once
 
 // Cameras for `render --camera`, read from the cameras.json of a 3DGS run (of any program) or from
-// a camera path of nerfstudio's viewer.
+// a camera path of nerfstudio's viewer. Other files: chan_file.h, usd_camera_file.h.
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -20,6 +20,7 @@ typedef struct named_camera {
     sgs_pose pose;
     int orientation; // Exif, of the image file, 1 to 8; 0: unknown
     int frame;       // its number in --frames, .chan and .usda
+    char *prim;      // OpenUSD: the camera that this is a frame of; NULL if it has no frames
 } named_camera;
 
 typedef struct camera_list {

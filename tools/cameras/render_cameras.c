@@ -10,6 +10,7 @@
 #include "cameras/camera_path.h"
 #include "cameras/chan_file.h"
 #include "cameras/lens_scale.h"
+#include "cameras/usd_camera_file.h"
 #include "cli/file_stems.h"
 #include "cli/options.h"
 #include "cli/output.h"
@@ -195,11 +196,26 @@ static bool data_set_cameras(const camera_choice *choice, camera_list *list)
     return scene_cameras(&all, scene, list);
 }
 
+// A view is a frame, or a camera with all of its frames.
+static bool usd_cameras(const camera_choice *choice, camera_list *list)
+{
+    if (!usd_camera_file_read(choice->file, choice->first_frame, choice->width, choice->height,
+                              list) ||
+        !name_files(list) ||
+        !((choice->view && usd_camera_file_keep(choice->view, list)) ||
+          keep_view(choice->file, choice->view, list)))
+        return false;
+    usd_camera_file_number(list);
+    return true;
+}
+
 static bool file_cameras(const camera_choice *choice, camera_list *list)
 {
     struct stat status;
     const bool is_folder = !stat(choice->file, &status) && S_ISDIR(status.st_mode),
                is_chan = !is_folder && chan_file_is(choice->file);
+    if (!is_folder && !is_chan && usd_camera_file_is(choice->file))
+        return usd_cameras(choice, list);
     if (is_folder || (!is_chan && camera_file_is_scene(choice->file)))
         return data_set_cameras(choice, list);
     return (is_chan ? chan_file_read(choice->file, choice->width, choice->height, list)

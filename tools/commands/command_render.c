@@ -12,6 +12,7 @@
 #include "cameras/camera_export.h"
 #include "cameras/chan_file.h"
 #include "cameras/render_cameras.h"
+#include "cameras/usd_camera_file.h"
 #include "cli/commands.h"
 #include "cli/interrupt.h"
 #include "cli/model_argument.h"
@@ -251,6 +252,7 @@ static bool spares_inputs(const render_values *values, const sgs_scene *scene,
     const unsigned formats = camera_formats(values);
     char *json = format_text("%s/cameras.json", values->output),
          *chan = format_text("%s/cameras.chan", values->output),
+         *usda = format_text("%s/cameras.usda", values->output),
          *config = format_text("%s/config.json", values->output);
     const bool is_run = formats & CAMERAS_JSON && file_exists(config);
     const char *input = NULL;
@@ -258,6 +260,8 @@ static bool spares_inputs(const render_values *values, const sgs_scene *scene,
         input = json;
     if (values->camera && formats & CAMERAS_CHAN && same_file(chan, values->camera))
         input = chan;
+    if (values->camera && formats & CAMERAS_USDA && same_file(usda, values->camera))
+        input = usda;
     if (is_run)
         fail_run("%s: is the folder of a run, whose cameras.json would be replaced; choose another "
                  "folder with -o",
@@ -267,6 +271,7 @@ static bool spares_inputs(const render_values *values, const sgs_scene *scene,
                  input);
     free(json);
     free(chan);
+    free(usda);
     free(config);
     return !is_run && !input;
 }
@@ -329,6 +334,11 @@ static bool can_overscan(const camera_list *cameras)
 static bool can_number(const command_line *line, const render_values *values,
                        const camera_list *cameras)
 {
+    if (option_given(line, "first-frame") && cameras->has_frames) {
+        fail_run("%s: --first-frame has no effect: the time samples have frame numbers; omit it",
+                 values->camera);
+        return false;
+    }
     if (!option_given(line, "first-frame") || cameras->is_numbered || values->frames ||
         camera_formats(values) & (CAMERAS_CHAN | CAMERAS_USDA))
         return true;
@@ -433,7 +443,8 @@ static int check_values(const command_line *line, const render_values *values,
         return refuse_idle(line, "split", values->view ? "with --view" : "with --camera");
     if (values->camera && chan_file_is(values->camera) && option_given(line, "first-frame"))
         return refuse_idle(line, "first-frame", "on a .chan file, which numbers its frames");
-    if (values->view && !values->film && !option_given(line, "save-cameras") && values->fps > 0)
+    if (values->view && !values->film && !option_given(line, "save-cameras") && values->fps > 0 &&
+        !(values->camera && usd_camera_file_is(values->camera)))
         return refuse_idle(line, "fps", "on --view, a still image");
     if (values->frames && !frame_range_parse(values->frames, &choice->frames))
         return fail_usage("--frames: '%s' is not FIRST-LAST or FIRST-LAST:STEP with frame numbers",

@@ -40,7 +40,8 @@ const option render_options[RENDER_OPTIONS] = {
      .offset = AT(view),
      .argument = "NAME",
      .shown = "see --split",
-     .help = "render only this view: an image name, with or without folder and extension"},
+     .help = "render only this view: an image name, with or without folder and extension, or a "
+             "camera of an OpenUSD file"},
     {.name = "split",
      .kind = OPTION_CHOICE,
      .offset = AT(split),
@@ -53,9 +54,9 @@ const option render_options[RENDER_OPTIONS] = {
      .offset = AT(camera),
      .argument = "FILE",
      .shown = "none",
-     .help = "use the cameras of this cameras.json, .chan file, transforms.json, nerfstudio camera "
-             "path or COLMAP model folder instead of a SCENE; photos are not required; --size "
-             "sets the size of views without one"},
+     .help = "use the cameras of this cameras.json, .chan file, OpenUSD text (.usda, .usd, .usdz), "
+             "transforms.json, nerfstudio camera path or COLMAP model folder instead of a SCENE; "
+             "photos are not required; --size sets the size of views without one (.chan, OpenUSD)"},
     {.name = "orbit",
      .kind = OPTION_INTEGER,
      .offset = AT(orbit),
@@ -103,7 +104,8 @@ const option render_options[RENDER_OPTIONS] = {
      .initial = "0",
      .needs = "orbit|spiral|camera|frames|save-cameras=chan|save-cameras=usda",
      .help = "frame number of the first frame: in the file names of paths and of cameras without a "
-             "name, in .chan, in .usda and for --frames; a .chan input has its own numbers"},
+             "name, in .chan, in .usda and for --frames; .chan and .usda inputs have their own "
+             "numbers"},
     {.name = "save-cameras",
      .kind = OPTION_SET,
      .offset = AT(save_cameras),

@@ -386,7 +386,7 @@ static sample_range find_samples(const camera_stage *stage, const camera_prim *p
 
 static bool is_frame(double time)
 {
-    return time >= 0.0 && time <= MAX_FRAME;
+    return fabs(time) <= MAX_FRAME;
 }
 
 // Time of the first view, and the number of views at intervals of 1.
@@ -409,8 +409,8 @@ static sgs_status find_frames(const evaluation *work, const camera_prim *prim,
     if (!is_frame(*first) || !is_frame(last))
         return sgsi_fail(SGS_STATUS_LIMIT,
                          "%s: camera '%s' has the time codes %.9g to %.9g; frames are numbered "
-                         "from 0 to %d: set startTimeCode and endTimeCode",
-                         work->layer->path, prim->path, *first, last, MAX_FRAME);
+                         "from -%d to %d: set startTimeCode and endTimeCode",
+                         work->layer->path, prim->path, *first, last, MAX_FRAME, MAX_FRAME);
     const double low = ceil(*first - TIME_ROUNDING), high = floor(last + TIME_ROUNDING);
     if (low <= high) { // else no integer is in the range
         *first = low;

@@ -387,9 +387,12 @@ check chan_of_the_shot test "$(column 1,4,8 "$temporary/usd/cameras.chan" | tr '
 usd 1 shot.usda --first-frame 7 --save-cameras chan
 one_line
 reports "shot.usda: --first-frame has no effect: the time samples have frame numbers; omit it"
-usd 1 shot.usda --frames 1001
+usd 1 shot.usda --frames 0-2
 one_line
-reports "--frames: 1001 is out of range; --frames counts from 0: choose from 0 to 2 for the frames numbered 1001 to 1003"
+reports "--frames: 2 is out of range; choose from the frames 1001 to 1003"
+rm -r "$temporary/usd"
+usd 0 shot.usda --frames 1002-1003
+check time_codes_select_frames test "$(pictures "$temporary/usd" exr)" = 'frame_01002.exr frame_01003.exr '
 rm -r "$temporary/usd"
 usd 0 shots
 check names_of_the_shots test "$(cd "$temporary/usd" && find . -type f | LC_ALL=C sort | tr '\n' ' ')" = "./other_01001.exr ./other_01002.exr \
@@ -427,7 +430,7 @@ reports "nan.usd: camera 'shot', time code 1002: its transform is not finite, or
 sed 's/endTimeCode = 1003/endTimeCode = 1e9/' "$temporary/shot.usda" >"$temporary/long.usda"
 usd 1 long.usda
 one_line
-reports "long.usda: camera 'shot' has the time codes 1001 to 1e+09; frames are numbered from 0 to 1000000: set startTimeCode and endTimeCode"
+reports "long.usda: camera 'shot' has the time codes 1001 to 1e+09; frames are numbered from -1000000 to 1000000: set startTimeCode and endTimeCode"
 
 # a_scene_excludes_a_camera_file
 run 2 render "$model" "$room" --camera "$temporary/twos.chan" -o "$temporary/none"

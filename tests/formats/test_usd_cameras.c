@@ -361,9 +361,9 @@ static const struct {
      1,
      1,
      {{2, 0, 0}, X, Y, Z}},
-    // one sample is no animation, but has its frame number; before frame 0 it has none
+    // one sample is no animation, but has its frame number
     {RANGE(1001, 1100) CAMERA(CENTERS("1007: (7, 0, 0)")), 1, 0, 1007, 1007, {{7, 0, 0}, X, Y, Z}},
-    {RANGE(1001, 1100) CAMERA(CENTERS("-5: (7, 0, 0)")), 1, 0, -5, 0, {{7, 0, 0}, X, Y, Z}},
+    {RANGE(1001, 1100) CAMERA(CENTERS("-5: (7, 0, 0)")), 1, 0, -5, -5, {{7, 0, 0}, X, Y, Z}},
     {RANGE(1001, 1100) CAMERA(""), 1, 0, 0, 0, {{0}, X, Y, Z}},
     // operations that are not listed do not count
     {RANGE(1, 9) CAMERA("double3 xformOp:translate.timeSamples = { 1: (0, 0, 0), 9: (1, 1, 1) }\n"),
@@ -398,7 +398,7 @@ static void frames_are_evaluated_at_their_time_codes(void **state)
         if (!(error <= 1e-9) || view->time != frames[n].time || view->frame != frames[n].frame)
             fail_msg("error %g at %g, frame %d: %s", error, view->time, view->frame,
                      frames[n].text);
-        assert_true(camera->has_samples == (frames[n].frame > 0 || camera->is_animated));
+        assert_true(camera->has_samples == (frames[n].frame != 0 || camera->is_animated));
         sgs_usd_cameras_destroy(cameras);
     }
     temp_folder_remove(&folder);
@@ -614,8 +614,8 @@ static void others_are_refused(void **state)
          "a shear or a scale that is not uniform", SGS_STATUS_UNSUPPORTED},
         {RANGE(4, 3) CAMERA(CENTERS("1: (0, 0, 0), 3: (1, 1, 1)")),
          "startTimeCode, 4, is after endTimeCode, 3", SGS_STATUS_FORMAT},
-        {RANGE(-1, 3) CAMERA(CENTERS("1: (0, 0, 0), 3: (1, 1, 1)")),
-         "has the time codes -1 to 3; frames are numbered from 0 to 1000000: set startTimeCode",
+        {RANGE(-1000001, 3) CAMERA(CENTERS("1: (0, 0, 0), 3: (1, 1, 1)")),
+         "the time codes -1000001 to 3; frames are numbered from -1000000 to 1000000: set",
          SGS_STATUS_LIMIT},
         {RANGE(1, 1e300) CAMERA(CENTERS("1: (0, 0, 0), 3: (1, 1, 1)")),
          "the time codes 1 to 1e+300", SGS_STATUS_LIMIT},

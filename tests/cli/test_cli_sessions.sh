@@ -89,6 +89,26 @@ run 0 experiment "$plan" -o "$out" --threads 2
 check the_plan_is_still_the_same bash -c "! grep -q 'was trained' '$temporary/stderr'"
 rm -r "$out"
 
+# a_session_that_does_not_train_is_not_recorded: stopped before its first iteration, then for the evaluation only
+write_plan '.variants = [{name: "off", options: {spare: "off", iterations: 250}}]'
+start --threads 1
+wait_until has_iteration_100 "$off"
+kill -TERM "$process"
+finish_with 143
+write_plan '.variants = [{name: "off", options: {spare: "off", iterations: 250}}] | .options.time_limit = "0s"'
+run 1 experiment "$plan" -o "$out" --threads 2
+check the_session_that_trained_is_kept test "$(jq -c '[.sessions[].threads]' "$off/experiment.json")" = '[1]'
+rm -r "$out"
+write_plan '.variants = [{name: "off", options: {spare: "off"}}]'
+run 0 experiment "$plan" -o "$out" --threads 1
+run 0 train "$room" -o "$temporary/same" --iterations 5 --downscale 16 --eval --spare off --threads 1 --quiet
+cp -r "$temporary/same/checkpoint" "$off/"
+rm "$off/summary.json"
+run 0 experiment "$plan" -o "$out" --threads 2
+json "$out/results.json" '.runs[0].summary.threads == 2 and [.runs[0].sessions[].threads] == [1]'
+check it_resumed jq -e '.resumed[0].iteration == 5' "$off/config.json"
+rm -r "$out"
+
 # ctrl_z_suspends_the_training_too (the terminal signals the process group of the experiment only)
 write_plan '.options.iterations = 1000000 | .options.threads = 1'
 start

@@ -26,6 +26,7 @@
 #include "plan/run_settings.h"
 #include "run/lock_file.h"
 #include "run/rank_work.h"
+#include "run/run_folder.h"
 #include "run/run_record.h"
 #include "sparegs/runtime.h"
 
@@ -139,18 +140,32 @@ static const char *continuation_of(const experiment_run *run)
 }
 
 // Trains in a new process. Returns its status as sub_command_run does.
-static int run_training(const experiment_run *run)
+static int run_training(const experiment_run *run, const char *continuation)
 {
     const char **arguments = calloc((size_t)run->argument_count + 2, sizeof *arguments);
     if (!arguments)
         return fail_run("out of memory");
     memcpy(arguments, run->arguments, (size_t)run->argument_count * sizeof *arguments);
-    arguments[run->argument_count] = continuation_of(run);
+    arguments[run->argument_count] = continuation;
     char *log = sub_command_log(run->folder);
     const int status = sub_command_run(arguments, NULL, log); // the summary is read from the file
     free(log);
     free(arguments);
     return status;
+}
+
+// The same, with the record of the settings and the session. EXIT_FAILED after printing the error
+// if they cannot be recorded.
+static int run_session(const experiment_run *run)
+{
+    const char *continuation = continuation_of(run);
+    const bool continues = continuation && !strcmp(continuation, "--resume");
+    session_start start;
+    if (!run_settings_start(run, continues, &start))
+        return EXIT_FAILED;
+    const int status = run_training(run, continuation);
+    return run_settings_finish(run, &start, run_folder_saved_iteration(run->folder)) ? status
+                                                                                     : EXIT_FAILED;
 }
 
 // ---- Steps after the training ----
@@ -241,7 +256,7 @@ static bool write_results_locked(const experiment_plan *plan, const char *folder
         json_t *entry = json_pack("{s:s,s:s,s:s,s:i,s:s,s:o}", "scene", run->scene, "pipeline",
                                   run->pipeline, "variant", run->variant, "seed", run->seed,
                                   "folder", name, "summary", summary);
-        json_t *sessions = run_settings_sessions(run);
+        json_t *sessions = run_settings_sessions(run, summary);
         if (sessions)
             json_object_set_new(entry, "sessions", sessions);
         if (plan->post.count)
@@ -345,9 +360,7 @@ static json_t *complete_run(const experiment_run *run, bool *limited)
     json_t *summary = finished(run);
     int status = EXIT_DONE;
     if (!summary) {
-        const char *continuation = continuation_of(run);
-        const bool continues = continuation && !strcmp(continuation, "--resume");
-        status = run_settings_write(run, continues) ? run_training(run) : EXIT_FAILED;
+        status = run_session(run);
         summary = finished(run);
     }
     if (summary)

@@ -155,29 +155,70 @@ static json_t *earlier_sessions(const experiment_run *run)
     return list;
 }
 
-bool run_settings_write(const experiment_run *run, bool continues)
+// Steals `sessions`.
+static bool write_settings(const experiment_run *run, json_t *sessions)
 {
-    json_t *settings = json_copy(run->settings), *now = session_now(run);
-    json_t *sessions = continues ? earlier_sessions(run) : json_array();
+    json_t *settings = json_copy(run->settings);
+    json_object_set_new(settings, "sessions", sessions);
+    char *path = format_text("%s/experiment.json", run->folder);
+    const bool written = make_folder(run->folder) && write_json(path, settings);
+    free(path);
+    return written;
+}
+
+// How often the training has resumed from a checkpoint. *iteration receives that of the last one.
+static size_t count_resumes(const experiment_run *run, int *iteration)
+{
+    json_t *config = run_settings_load(run, "config.json"),
+           *resumed = json_object_get(config, "resumed");
+    const size_t count = json_array_size(resumed);
+    const json_t *last = count ? json_array_get(resumed, count - 1) : NULL;
+    *iteration = (int)json_integer_value(json_object_get(last, "iteration"));
+    json_decref(config);
+    return count;
+}
+
+bool run_settings_start(const experiment_run *run, bool continues, session_start *start)
+{
+    int iteration;
+    start->sessions = continues ? earlier_sessions(run) : json_array();
+    start->resumes = count_resumes(run, &iteration);
+    start->continues = continues;
+    json_t *now = session_now(run), *sessions = json_copy(start->sessions);
     bool known = false;
     for (size_t k = 0; k < json_array_size(sessions); ++k)
         known = known || json_equal(json_array_get(sessions, k), now);
     if (!known)
         json_array_append(sessions, now);
     json_decref(now);
-    json_object_set_new(settings, "sessions", sessions);
-    char *path = format_text("%s/experiment.json", run->folder);
-    const bool written = make_folder(run->folder) && write_json(path, json_incref(settings));
-    json_decref(settings);
-    free(path);
+    const bool written = write_settings(run, sessions);
+    if (!written)
+        json_decref(start->sessions);
     return written;
 }
 
-json_t *run_settings_sessions(const experiment_run *run)
+bool run_settings_finish(const experiment_run *run, session_start *start, int saved)
+{
+    int first = 0;
+    const bool began = !start->continues || count_resumes(run, &first) > start->resumes;
+    json_t *sessions = start->sessions;
+    start->sessions = NULL;
+    if (!began || saved <= first)
+        return write_settings(run, sessions);
+    json_decref(sessions);
+    return true;
+}
+
+json_t *run_settings_sessions(const experiment_run *run, const json_t *summary)
 {
     json_t *settings = run_settings_load(run, "experiment.json");
     json_t *list = json_object_get(settings, "sessions");
-    list = json_is_array(list) && json_array_size(list) > 1 ? json_incref(list) : NULL;
+    bool differs = json_array_size(list) > 1;
+    for (int k = 0; k < SESSION_MEMBERS && json_array_size(list) == 1; ++k)
+        differs =
+            differs || !json_equal(json_object_get(json_array_get(list, 0), session_members[k]),
+                                   json_object_get(summary, session_members[k]));
+    list = json_is_array(list) && differs ? json_incref(list) : NULL;
     json_decref(settings);
     return list;
 }
@@ -188,9 +229,9 @@ static char *text_of(const json_t *value)
                                  : format_text("%.0f", json_number_value(value));
 }
 
-char *run_settings_change(const experiment_run *run)
+// "threads 1, the remaining runs use 2", or NULL if the sessions agree.
+static char *change_text(const json_t *before, const json_t *now)
 {
-    json_t *before = session_of_config(run), *now = session_now(run);
     char *change = NULL;
     for (int k = 0; k < SESSION_MEMBERS && !change; ++k) {
         const json_t *was = json_object_get(before, session_members[k]),
@@ -202,6 +243,15 @@ char *run_settings_change(const experiment_run *run)
         free(old);
         free(new);
     }
+    return change;
+}
+
+char *run_settings_change(const experiment_run *run)
+{
+    json_t *before = earlier_sessions(run), *now = session_now(run);
+    char *change = NULL;
+    for (size_t k = 0; k < json_array_size(before) && !change; ++k)
+        change = change_text(json_array_get(before, k), now);
     json_decref(before);
     json_decref(now);
     return change;

@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// RUN/experiment.json: the settings with which an experiment started a run, and its sessions, each
-// {"threads", "isa", "commit"}. The model does not depend on the number of threads; times do.
+// RUN/experiment.json: the settings with which an experiment started a run, and the sessions that
+// trained it, each {"threads", "isa", "commit"}. The model does not depend on the number of
+// threads; times do.
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -21,12 +22,23 @@ json_t *run_settings_load(const experiment_run *run, const char *name);
 // set that computes other bits. True for a run that was not started.
 bool run_settings_agree(const experiment_run *run);
 
-// Records the settings before the run starts, or continues from a checkpoint. False after printing
-// the error.
-bool run_settings_write(const experiment_run *run, bool continues);
+// What finishing a session requires of its start.
+typedef struct session_start {
+    json_t *sessions; // recorded before it
+    size_t resumes;   // of the training before it
+    bool continues;
+} session_start;
 
-// The recorded sessions if there are several different ones, else NULL. Release with json_decref().
-json_t *run_settings_sessions(const experiment_run *run);
+// Records the settings and the session before the run starts, or continues from a checkpoint: the
+// training may outlive the experiment. False after printing the error.
+bool run_settings_start(const experiment_run *run, bool continues, session_start *start);
+// After run_settings_start: removes the session again unless the training has saved iterations in
+// it; `saved`: the last iteration whose state is saved. False after printing the error.
+bool run_settings_finish(const experiment_run *run, session_start *start, int saved);
+
+// The sessions in which the run was trained if there are several different ones, or if that of its
+// summary is another: it may have evaluated only. Else NULL. Release with json_decref().
+json_t *run_settings_sessions(const experiment_run *run, const json_t *summary);
 
 // "threads 1, the remaining runs use 2": the first member of a session that differs between the
 // training of this run and a session now. NULL if none does, or the run was not started. Release

@@ -10,25 +10,36 @@
 
 static const char *const names[TIME_CONDITIONS] = {"threads", "ranks", "isa", "commit"};
 
+static void add(time_conditions *conditions, int k, const json_t *value)
+{
+    if (!conditions->values[k])
+        conditions->values[k] = value;
+    else if (value && !json_equal(value, conditions->values[k]))
+        conditions->differing |= 1u << k;
+}
+
 void time_conditions_add(time_conditions *conditions, const json_t *record)
 {
-    for (int k = 0; k < TIME_CONDITIONS; ++k) {
-        const json_t *value = json_object_get(record, names[k]);
-        if (!conditions->values[k])
-            conditions->values[k] = value;
-        else if (value && !json_equal(value, conditions->values[k]))
-            conditions->differing |= 1u << k;
-    }
+    for (int k = 0; k < TIME_CONDITIONS; ++k)
+        add(conditions, k, json_object_get(record, names[k]));
 }
 
 void time_conditions_add_run(time_conditions *conditions, const json_t *run)
 {
-    size_t k;
-    const json_t *session;
-    time_conditions_add(conditions, json_object_get(run, "summary"));
-    json_array_foreach(json_object_get(run, "sessions"), k, session)
-    {
-        time_conditions_add(conditions, session);
+    const json_t *summary = json_object_get(run, "summary"),
+                 *sessions = json_object_get(run, "sessions");
+    for (int k = 0; k < TIME_CONDITIONS; ++k) {
+        const json_t *session;
+        size_t i;
+        bool recorded = false;
+        json_array_foreach(sessions, i, session)
+        {
+            const json_t *value = json_object_get(session, names[k]);
+            recorded = recorded || value;
+            add(conditions, k, value);
+        }
+        if (!recorded)
+            add(conditions, k, json_object_get(summary, names[k]));
     }
 }
 

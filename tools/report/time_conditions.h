@@ -19,7 +19,8 @@ typedef struct time_conditions {
 // it lacks does not differ.
 void time_conditions_add(time_conditions *conditions, const json_t *record);
 
-// Adds a run of results.json: its summary, and the sessions in which it was trained.
+// Adds a run of results.json: the sessions in which it was trained if it has them, and what they
+// lack of its summary, whose session may have evaluated only.
 void time_conditions_add_run(time_conditions *conditions, const json_t *run);
 
 // Appends the sentence that explains missing changes of time to the note of a table, if bits of

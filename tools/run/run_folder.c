@@ -361,6 +361,19 @@ static void read_sums(run_folder *folder, const char *path, int iteration)
         fclose(stream);
 }
 
+int run_folder_saved_iteration(const char *path)
+{
+    char *sums = format_text("%s/checkpoint/sums.csv", path), line[128];
+    FILE *stream = open_input(sums, NULL);
+    int saved = 0;
+    for (int at; stream && fgets(line, sizeof line, stream);)
+        saved = sscanf(line, "%d", &at) == 1 ? at : saved;
+    if (stream)
+        fclose(stream);
+    free(sums);
+    return saved;
+}
+
 bool run_folder_open_tables(run_folder *folder, int iteration, int structure_iteration)
 {
     char *train = format_text("%s/train.csv", folder->path),

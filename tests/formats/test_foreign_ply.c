@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "support/model_bytes.h"
+#include "support/warning_support.h"
 
 static void ply_is_read_with_its_filter_and_mark(void **state)
 {
@@ -74,23 +75,14 @@ static void ply_is_read_with_its_filter_and_mark(void **state)
     temp_folder_remove(&folder);
 }
 
-static char warnings[512];
-
-static void keep_warning(void *user, const char *message)
-{
-    (void)user;
-    snprintf(warnings + strlen(warnings), sizeof warnings - strlen(warnings), "%s\n", message);
-}
-
 // Reads a.ply of the folder; its warnings are in `warnings`.
 static sgs_gaussians *read_text(const temp_folder *folder, const char *text)
 {
     sgs_gaussians *model;
     file_put(temp_path(folder, "a.ply"), text, strlen(text));
-    warnings[0] = 0;
-    sgs_warning_handler_set(keep_warning, NULL);
+    warnings_begin(NULL);
     const sgs_status status = sgs_model_read(temp_path(folder, "a.ply"), NULL, &model, NULL);
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     if (status)
         fail_msg("%s", sgs_last_error());
     return model;

@@ -22,6 +22,7 @@
 #include "support/bad_input.h"
 #include "support/files_support.h"
 #include "support/model_support.h"
+#include "support/warning_support.h"
 #include "sparegs/model_file.h"
 
 enum { MANY = 300000, SIDE = 600 }; // SIDE^2 >= MANY
@@ -509,32 +510,23 @@ static void models_of_unknown_degree_are_not_written(void **state)
     temp_folder_remove(&folder);
 }
 
-static char range_warning[512];
-
-static void keep_warning(void *user, const char *message)
-{
-    (void)user;
-    snprintf(range_warning, sizeof range_warning, "%s", message);
-}
-
 // NULL: none.
 static void assert_warning(const char *expected)
 {
     if (!expected)
-        assert_string_equal(range_warning, "");
+        assert_string_equal(warnings, "");
     else
-        assert_non_null(strstr(range_warning, expected));
+        assert_non_null(strstr(warnings, expected));
 }
 
-// Writes the model and reads it back; the warning of the writer is in range_warning.
+// Writes the model and reads it back; the warning of the writer is in warnings.
 static sgs_gaussians *read_back(const char *path, const sgs_gaussians *model,
                                 const sgs_model_write_options *options)
 {
     sgs_gaussians *back;
-    *range_warning = 0;
-    sgs_warning_handler_set(keep_warning, NULL);
+    warnings_begin(NULL);
     const sgs_status status = sgs_model_write(path, model, options, NULL);
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     if (status || sgs_model_read(path, NULL, &back, NULL))
         fail_msg("%s", sgs_last_error());
     return back;

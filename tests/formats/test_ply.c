@@ -21,18 +21,9 @@
 #include "support/files_support.h"
 #include "support/locale_support.h"
 #include "support/skip_support.h"
+#include "support/warning_support.h"
 #include "sparegs/gaussians.h"
 #include "sparegs/render.h"
-
-static char last_warning[1024];
-static int warning_count;
-
-static void keep_warning(void *user, const char *message)
-{
-    (void)user;
-    ++warning_count;
-    snprintf(last_warning, sizeof last_warning, "%s", message);
-}
 
 static sgs_gaussians *random_model(size_t count, int degree)
 {
@@ -296,8 +287,7 @@ static void ply_reads_any_order_type_format_and_degree(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    warning_count = 0;
-    sgs_warning_handler_set(keep_warning, NULL);
+    warnings_begin(NULL);
     for (int degree = 0; degree <= 3; ++degree) {
         sgs_gaussians *model = random_model(37, degree), *back;
         for (int variant = 0; variant < 3 * 2 * 2 * 3; ++variant) {
@@ -313,7 +303,7 @@ static void ply_reads_any_order_type_format_and_degree(void **state)
         }
         sgs_gaussians_destroy(model);
     }
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     assert_int_equal(warning_count, 0);
     temp_folder_remove(&folder);
 }
@@ -366,7 +356,6 @@ static void ply_reads_infinite_logits_as_opaque_and_transparent(void **state)
     } kinds[] = {{LITTLE, "float"}, {LITTLE, "double"}, {BIG, "float"},
                  {BIG, "double"},   {ASCII, "float"},   {ASCII, "double"}};
     const temp_folder folder = temp_folder_make();
-    sgs_warning_handler_set(keep_warning, NULL);
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; ++k) {
         sgs_gaussians *model = random_model(4, 0), *back;
         for (size_t i = 0; i < 4; ++i) {
@@ -376,11 +365,11 @@ static void ply_reads_infinite_logits_as_opaque_and_transparent(void **state)
         }
         const foreign how = {.format = kinds[k].format, .type = kinds[k].type};
         write_foreign(temp_path(&folder, "a.ply"), model, &how);
-        warning_count = 0;
+        warnings_begin(NULL);
         assert_int_equal(sgs_ply_read(temp_path(&folder, "a.ply"), &back), SGS_STATUS_OK);
         assert_int_equal(back->count, 3);
         assert_int_equal(warning_count, 1);
-        assert_non_null(strstr(last_warning, "1 of 4 primitives are not finite and were dropped"));
+        assert_non_null(strstr(warnings, "1 of 4 primitives are not finite and were dropped"));
         assert_true(*sgs_gaussians_at(back, 0, SGS_PARAM_OPACITY) == 1.0f);
         const float opaque = *sgs_gaussians_at(back, 1, SGS_PARAM_OPACITY);
         assert_true(opaque > 12 &&
@@ -406,7 +395,7 @@ static void ply_reads_infinite_logits_as_opaque_and_transparent(void **state)
         sgs_gaussians_destroy(model);
         sgs_gaussians_destroy(back);
     }
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     temp_folder_remove(&folder);
 }
 
@@ -414,8 +403,7 @@ static void ply_drops_rows_that_are_not_finite(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    sgs_warning_handler_set(keep_warning, NULL);
-    warning_count = 0;
+    warnings_begin(NULL);
     sgs_gaussians *model = read_text(&folder, 6,
                                      "nan 0 0 0 0 0 0 0 0 0 1 0 0 0\n"
                                      "1 0 0 0 0 0 0 0 0 0 1 0 0 0\n"
@@ -427,10 +415,9 @@ static void ply_drops_rows_that_are_not_finite(void **state)
     assert_true(*sgs_gaussians_at(model, 0, 0) == 1.0f && *sgs_gaussians_at(model, 1, 0) == 2.0f);
     assert_true(*sgs_gaussians_at(model, 2, SGS_PARAM_OPACITY) == -30.0f); // inert again
     assert_int_equal(warning_count, 1);
-    assert_non_null(
-        strstr(last_warning, "c.ply: 4 of 6 primitives are not finite and were dropped"));
+    assert_non_null(strstr(warnings, "c.ply: 4 of 6 primitives are not finite and were dropped"));
     sgs_gaussians_destroy(model);
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     temp_folder_remove(&folder);
 }
 
@@ -438,8 +425,7 @@ static void ply_reads_a_zero_quaternion_as_no_rotation(void **state)
 {
     (void)state;
     const temp_folder folder = temp_folder_make();
-    sgs_warning_handler_set(keep_warning, NULL);
-    warning_count = 0;
+    warnings_begin(NULL);
     sgs_gaussians *model = read_text(&folder, 3,
                                      "0 0 0 0 0 0 0 0 0 0 0 0 0 0\n"
                                      "0 0 0 0 0 0 0 0 0 0 0 3 0 4\n"
@@ -451,9 +437,9 @@ static void ply_reads_a_zero_quaternion_as_no_rotation(void **state)
                               expected[i][k]) <= 1e-7f);
     }
     assert_int_equal(warning_count, 1);
-    assert_non_null(strstr(last_warning, "1 primitives have rotation 0 0 0 0"));
+    assert_non_null(strstr(warnings, "1 primitives have rotation 0 0 0 0"));
     sgs_gaussians_destroy(model);
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     temp_folder_remove(&folder);
 }
 
@@ -466,11 +452,11 @@ static void ply_warns_of_trailing_bytes(void **state)
     FILE *stream = fopen(temp_path(&folder, "a.ply"), "ab");
     fputs("more", stream);
     fclose(stream);
-    sgs_warning_handler_set(keep_warning, NULL);
+    warnings_begin(NULL);
     assert_int_equal(sgs_ply_read(temp_path(&folder, "a.ply"), &back), SGS_STATUS_OK);
-    assert_non_null(strstr(last_warning, "4 bytes after the last vertex were ignored"));
+    assert_non_null(strstr(warnings, "4 bytes after the last vertex were ignored"));
     assert_same_model(model, back);
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     sgs_gaussians_destroy(model);
     sgs_gaussians_destroy(back);
     temp_folder_remove(&folder);

@@ -15,6 +15,7 @@
 #include "formats/model_format.h"
 #include "formats/unpack.h"
 #include "support/model_bytes.h"
+#include "support/warning_support.h"
 
 static void put_spz_header(bytes *out, unsigned version, unsigned count, unsigned degree,
                            unsigned flags)
@@ -329,14 +330,6 @@ static void spz_axes_are_an_option(void **state)
     temp_folder_remove(&folder);
 }
 
-static char count_warning[512];
-
-static void keep_warning(void *user, const char *message)
-{
-    (void)user;
-    snprintf(count_warning, sizeof count_warning, "%s", message);
-}
-
 // The library of nianticlabs/spz read at most 10,000,000 primitives before it had version 4.
 static void spz_beyond_the_limit_of_older_readers_is_reported(void **state)
 {
@@ -347,16 +340,15 @@ static void spz_beyond_the_limit_of_older_readers_is_reported(void **state)
         bool warns;
     } cases[] = {{3, 10000000, false}, {3, 10000001, true}, {4, 10000001, false}};
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
-        count_warning[0] = 0;
-        sgs_warning_handler_set(keep_warning, NULL);
+        warnings_begin(NULL);
         sgsi_spz_warn_count("a.spz", cases[k].version, cases[k].count);
-        sgs_warning_handler_set(NULL, NULL);
-        assert_string_equal(count_warning,
-                            cases[k].warns ? "a.spz: older readers refuse SPZ files of version 3 "
-                                             "with more than 10000000 primitives; this one has "
-                                             "10000001; use option spz_version 4, whose readers "
-                                             "have no limit, or prune the model"
-                                           : "");
+        warnings_end();
+        assert_string_equal(warnings, cases[k].warns
+                                          ? "a.spz: older readers refuse SPZ files of version 3 "
+                                            "with more than 10000000 primitives; this one has "
+                                            "10000001; use option spz_version 4, whose readers "
+                                            "have no limit, or prune the model\n"
+                                          : "");
     }
 }
 

@@ -18,18 +18,10 @@
 #include "density/density.h"
 #include "rays/rays.h"
 #include "sparegs/trainer.h"
+#include "support/warning_support.h"
 #include "train/trainer_state.h"
 
 static sgs_scene *scene;
-static char warning[1024];
-static int warnings;
-
-static void keep_warning(void *user, const char *text)
-{
-    (void)user;
-    ++warnings;
-    snprintf(warning, sizeof warning, "%s", text);
-}
 
 static int load(void **state)
 {
@@ -53,15 +45,13 @@ static sgs_trainer *start(int iterations)
     options.spare = SGS_SPARE_BMD | SGS_SPARE_RAP;
     sgs_trainer *trainer;
     assert_int_equal(sgs_trainer_create(scene, &options, &trainer), SGS_STATUS_OK);
-    sgs_warning_handler_set(keep_warning, NULL);
-    warnings = 0;
-    warning[0] = 0;
+    warnings_begin(NULL);
     return trainer;
 }
 
 static void end(sgs_trainer *trainer)
 {
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     sgs_trainer_destroy(trainer);
 }
 
@@ -114,8 +104,8 @@ static void nonfinite_loss_skips_the_step_and_is_reported(void **state)
     expect_finite_model(trainer);
     assert_int_equal(sgs_trainer_skipped(trainer).steps, 1);
     assert_int_equal(sgs_trainer_skipped(trainer).gradients, 0);
-    assert_non_null(strstr(warning, "iteration 2, view 00"));
-    assert_non_null(strstr(warning, "step skipped"));
+    assert_non_null(strstr(warnings, "iteration 2, view 00"));
+    assert_non_null(strstr(warnings, "step skipped"));
     step(trainer); // training continues
     sgs_gaussians_hash(sgs_trainer_model(trainer), after);
     assert_string_not_equal(before, after);
@@ -135,8 +125,8 @@ static void nonfinite_gradient_skips_its_primitive_and_is_reported(void **state)
     expect_finite_model(trainer);
     assert_true(sgs_trainer_skipped(trainer).gradients > 0);
     assert_int_equal(sgs_trainer_skipped(trainer).steps, 0);
-    assert_non_null(strstr(warning, "iteration 2, view 00"));
-    const char *named = strstr(warning, "first primitive ");
+    assert_non_null(strstr(warnings, "iteration 2, view 00"));
+    const char *named = strstr(warnings, "first primitive ");
     assert_non_null(named);
     assert_true(strtoul(named + strlen("first primitive "), NULL, 10) <
                 sgs_trainer_model(trainer)->count);
@@ -191,13 +181,12 @@ static void warnings_are_rate_limited(void **state)
 {
     (void)state;
     sgsi_skipped skipped = {0};
-    sgs_warning_handler_set(keep_warning, NULL);
-    warnings = 0;
+    warnings_begin(NULL);
     for (int i = 1; i <= 1000; ++i)
         sgsi_skip_step(&skipped, i, "a.jpg", NAN);
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     assert_int_equal(skipped.steps, 1000);
-    assert_int_equal(warnings, 5 + 7); // 8, 16, ..., 512
+    assert_int_equal(warning_count, 5 + 7); // 8, 16, ..., 512
 }
 
 // Degenerate rows in a model during training: the image and all other primitives are unaffected.

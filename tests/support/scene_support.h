@@ -2,35 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Support for reader tests: collected warnings, byte buffers, folder trees, small COLMAP models in
+// Support for reader tests: byte buffers, folder trees, small COLMAP models in
 // both formats, small images. Include after cmocka.h.
 
 #include <math.h>
 
 #include "base/core.h"
 #include "support/files_support.h"
+#include "support/warning_support.h"
 #include "sparegs/image.h"
 #include "sparegs/scene.h"
-
-// ---- Warnings: one string, a line each ----------------------------------------------------------
-
-static char warnings[16384];
-
-static inline void warning_collect(void *user, const char *message)
-{
-    (void)user;
-    const size_t used = strlen(warnings);
-    snprintf(warnings + used, sizeof warnings - used, "%s\n", message);
-}
-
-// Test set-up: clears the collected warnings and starts collecting.
-static inline int warnings_begin(void **state)
-{
-    (void)state;
-    warnings[0] = 0;
-    sgs_warning_handler_set(warning_collect, NULL);
-    return 0;
-}
 
 static inline void assert_holds(const char *text, const char *part)
 {

@@ -23,6 +23,7 @@
 #include "sparegs/runtime.h"
 #include "sparegs/trainer.h"
 #include "support/trainer_support.h"
+#include "support/warning_support.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 enum { SANITIZED = 1 }; // slow
@@ -32,13 +33,6 @@ enum { SANITIZED = 0 };
 
 static sgs_scene *scene;
 static temp_folder folder;
-static char warning[1024];
-
-static void keep_warning(void *user, const char *text)
-{
-    (void)user;
-    snprintf(warning, sizeof warning, "%s", text);
-}
 
 static int load(void **state)
 {
@@ -470,23 +464,22 @@ static void changed_options_are_used_or_refused_by_name(void **state)
     other.spare_patience = 3;
     other.spare_interval = 999;
     other.spare_demand = SGS_DEMAND_H;
-    sgs_warning_handler_set(keep_warning, NULL);
     for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
         sgs_train_options changed = options;
         memcpy((char *)&changed + cases[k].offset, (const char *)&other + cases[k].offset,
                cases[k].bytes);
         trainer = trainer_create(scene, &changed);
-        warning[0] = 0;
+        warnings_begin(NULL);
         const sgs_status status = sgs_trainer_load_checkpoint(trainer, temp_path(&folder, "base"));
         assert_int_equal(status, cases[k].honoured ? SGS_STATUS_OK : SGS_STATUS_INVALID_ARGUMENT);
-        const char *told = cases[k].honoured ? warning : sgs_last_error();
+        const char *told = cases[k].honoured ? warnings : sgs_last_error();
         char words[64];
         snprintf(words, sizeof words, "option %s was ", cases[k].name);
         if (!strstr(told, words))
             fail_msg("expected '%s' in: %s", words, told);
         sgs_trainer_destroy(trainer);
     }
-    sgs_warning_handler_set(NULL, NULL);
+    warnings_end();
     // Another set of views.
     sgs_scene_options fewer = sgs_scene_options_default();
     fewer.downscale = 16;

@@ -113,9 +113,10 @@ SGS_API const char *sgs_compress_method_name(sgs_compress_method method);
 SGS_API const char *sgs_compress_preset_option(sgs_compress_method method);
 
 // Compresses a model to `path`, atomically: on failure an existing file is unchanged. info may be
-// NULL. Fails with INVALID_ARGUMENT (options out of range, a missing scene, a model that is empty
-// or whose sh_degree is not within 0..3), UNSUPPORTED (SGS_COMPRESS_FCGS), OUT_OF_MEMORY, IO or
-// CANCELLED.
+// NULL. Fails with INVALID_ARGUMENT (options out of range, a missing scene, a model that is empty,
+// whose sh_degree is not within 0..3, or with a parameter that is not finite or a log scale above
+// 44), UNSUPPORTED (SGS_COMPRESS_FCGS), OUT_OF_MEMORY, IO or CANCELLED. Infinite logits are stored
+// as those of 1 - 1e-6 and 1e-6.
 SGS_API sgs_status sgs_compress(const sgs_gaussians *model, const sgs_compress_options *options,
                                 const char *path, sgs_compress_info *info);
 

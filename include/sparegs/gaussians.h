@@ -7,7 +7,9 @@
 //
 // Stored values and activations (Kerbl et al. 2023): mean in world units; rotation as a quaternion
 // (w, x, y, z), normalised when used; log of the scale in world units; logit of the opacity;
-// spherical harmonics: colour = max(0, sum + 0.5) in the space of the photos.
+// spherical harmonics: colour = max(0, sum + 0.5) in the space of the photos. An infinite logit is
+// the opacity 1 or 0; sgs_model_write, sgs_compress and the scores of prune.h accept it, but no
+// other value that is not finite, nor an infinite linear opacity.
 //
 // Threads: functions with a const model may run at the same time on the same model; a call that
 // changes a model must be the only one on it. Different models are independent.

@@ -168,10 +168,10 @@ typedef struct sgs_model_written {
 } sgs_model_written;
 
 // Writes the format that the name selects, atomically per file. options and written may be NULL.
-// PLY stores every value; the other formats refuse a parameter that is not finite, except an
-// infinite logit of the opacity, and all but the two kinds of PLY an empty model. Fails with
-// UNSUPPORTED (name), INVALID_ARGUMENT (options, model), LIMIT (too many primitives for the
-// format), IO, OUT_OF_MEMORY or CANCELLED; an existing file is then unchanged.
+// PLY stores every value; the other formats refuse a parameter that is not finite (see
+// gaussians.h), and all but the two kinds of PLY an empty model. Fails with UNSUPPORTED (name),
+// INVALID_ARGUMENT (options, model), LIMIT (too many primitives for the format), IO, OUT_OF_MEMORY
+// or CANCELLED; an existing file is then unchanged.
 SGS_API sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,
                                    const sgs_model_write_options *options,
                                    sgs_model_written *written);

@@ -13,6 +13,8 @@
 #include "compress/compress_method.h"
 #include "formats/color_marks.h"
 #include "formats/model_rows.h"
+#include "model/finite_model.h"
+#include "model/opacity.h"
 #include "model/sh_degree.h"
 #include "model/similarity.h"
 
@@ -140,21 +142,20 @@ static sgs_status find_method(sgs_compress_method method, const sgsi_compress_me
     return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "unknown compression method %d", (int)method);
 }
 
-// The parameters of all primitives, opacities as logits.
+// The parameters of all primitives, opacities as finite logits.
 static sgs_status copy_rows(const sgs_gaussians *model, float **rows)
 {
     const size_t count = model->count;
+    const sgs_status status = sgsi_finite_model_check(model, NULL);
+    if (status)
+        return status;
     *rows = sgsi_alloc(count, SGS_PARAM_COUNT * sizeof **rows);
     if (!*rows)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY, "not enough memory for %zu primitives", count);
     for (size_t i = 0; i < count; ++i) {
         float *row = *rows + i * SGS_PARAM_COUNT;
         sgs_gaussians_get(model, i, row);
-        row[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(model, i);
-        for (int k = 0; k < SGS_PARAM_COUNT; ++k)
-            if (!isfinite(row[k]))
-                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                                 "primitive %zu has a parameter that is not finite; remove it", i);
+        row[SGS_PARAM_OPACITY] = sgsi_finite_logit(sgs_gaussians_opacity_logit(model, i));
         for (int k = SGS_PARAM_SCALE; k < SGS_PARAM_SCALE + 3; ++k)
             if (row[k] > SGSI_MAX_LOG_SCALE) // as readers of models, which omit it
                 return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,

@@ -18,6 +18,7 @@
 #include "formats/model_format.h"
 #include "formats/model_rows.h"
 #include "formats/sog.h"
+#include "model/finite_model.h"
 #include "model/sh_degree.h"
 
 enum { PROBE_BYTES = 8192 };
@@ -336,9 +337,8 @@ static sgs_status check_write_options(const char *path, const sgs_model_write_op
     return wrong ? sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: %s", path, wrong) : SGS_STATUS_OK;
 }
 
-// What formats other than PLY, whose values are stored as they are, cannot hold. An infinite logit
-// of the opacity is valid. Formats with ranges per chunk or per file would lose other primitives,
-// and many viewers the whole file.
+// What formats other than PLY, whose values are stored as they are, cannot hold. Formats with
+// ranges per chunk or per file would lose other primitives, and many viewers the whole file.
 static sgs_status check_model(const char *path, sgs_model_format format, const sgs_gaussians *model)
 {
     const sgs_status status = sgsi_sh_degree_check(model, path);
@@ -347,16 +347,7 @@ static sgs_status check_model(const char *path, sgs_model_format format, const s
     if (!model->count && format != SGS_MODEL_COMPRESSED_PLY)
         return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT, "%s: a file of this format cannot be empty",
                          path);
-    const int used = SGS_PARAM_SH_REST + 3 * sgsi_rest_coefficients(model->sh_degree);
-    for (size_t i = 0; i < model->count; ++i)
-        for (int k = 0; k < used; ++k) {
-            const float value = *sgs_gaussians_at(model, i, k);
-            if (!isfinite(value) && (k != SGS_PARAM_OPACITY || isnan(value)))
-                return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                                 "%s: primitive %zu has a parameter that is not finite; remove it",
-                                 path, i);
-        }
-    return SGS_STATUS_OK;
+    return sgsi_finite_model_check(model, path);
 }
 
 sgs_status sgs_model_write(const char *path, const sgs_gaussians *model,

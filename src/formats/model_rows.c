@@ -7,14 +7,11 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "model/opacity.h"
 #include "model/similarity.h"
 
 // For scales of 0: exp(-30) is 1e-13 world units.
 static const float MIN_LOG_SCALE = -30.0f;
-
-// Value for an infinite logit: ln((1 - 1e-6) / 1e-6). Alpha is clamped at 0.99 in any case, and the
-// sigmoid of this value has a gradient in float.
-static const float OPAQUE_LOGIT = 13.8155096f;
 
 // The model names neither the file nor a remedy that applies to reading.
 static sgs_status fail_rows(const sgsi_rows *rows, sgs_status status, size_t count)
@@ -58,10 +55,8 @@ sgs_status sgsi_rows_expect(sgsi_rows *rows, size_t added, size_t most)
 
 void sgsi_rows_add(sgsi_rows *rows, float params[SGS_PARAM_COUNT])
 {
-    float *logit = &params[SGS_PARAM_OPACITY];
     bool usable = true;
-    if (isinf(*logit))
-        *logit = *logit > 0.0f ? OPAQUE_LOGIT : -OPAQUE_LOGIT;
+    params[SGS_PARAM_OPACITY] = sgsi_finite_logit(params[SGS_PARAM_OPACITY]);
     for (int k = 0; k < 3; ++k) // 0 in linear scale: a disc or line
         if (params[SGS_PARAM_SCALE + k] == -INFINITY)
             params[SGS_PARAM_SCALE + k] = MIN_LOG_SCALE;

@@ -8,6 +8,13 @@
 
 #include "sparegs/gaussians.h"
 
+// A logit as models that are read have it: instead of an infinite one, +-ln((1 - 1e-6) / 1e-6).
+// Alpha is clamped at 0.99 in any case, and the sigmoid of this value has a gradient in float.
+static inline float sgsi_finite_logit(float logit)
+{
+    return isinf(logit) ? copysignf(13.8155096f, logit) : logit;
+}
+
 // In [0, 1]; with linear opacity |x|, which may exceed 1.
 static inline float sgsi_gaussians_opacity(const sgs_gaussians *model, size_t i)
 {

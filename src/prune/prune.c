@@ -18,6 +18,7 @@
 
 #include "base/compare.h"
 #include "base/core.h"
+#include "model/finite_model.h"
 #include "prune/scores.h"
 
 void sgs_prune_options_init(sgs_prune_options *options, size_t size)
@@ -126,7 +127,7 @@ sgs_status sgs_prune_scores(const sgs_gaussians *model, const sgs_prune_options 
     if (!status)
         status = check_inputs(&own);
     if (!status)
-        status = sgsi_prune_model_check(model);
+        status = sgsi_finite_model_check(model, NULL);
     if (status || !model->count)
         return status;
     switch (own.method) {

@@ -19,6 +19,7 @@
 #include "base/core.h"
 #include "base/sh.h"
 #include "base/threads.h"
+#include "model/finite_model.h"
 #include "model/knn.h"
 #include "model/opacity.h"
 #include "prune/scores.h"
@@ -326,7 +327,7 @@ sgs_status sgs_rap_features(const sgs_gaussians *model, sgs_progress_fn progress
                          "the model has %zu primitives; RAP compares primitives with their "
                          "neighbours and requires at least 2",
                          model->count);
-    sgs_status status = sgsi_prune_model_check(model);
+    sgs_status status = sgsi_finite_model_check(model, NULL);
     if (status)
         return status;
     rap_job job = {.model = model,

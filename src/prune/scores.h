@@ -9,10 +9,6 @@
 // At most this many cameras enter REFINE's visibility.
 enum { SGSI_REFINE_CAMERAS = 64 };
 
-// Fails with INVALID_ARGUMENT, naming the first primitive with a parameter that is not finite. An
-// infinite logit of the opacity is valid.
-sgs_status sgsi_prune_model_check(const sgs_gaussians *model);
-
 // Multiplies the scores [model->count] by (V / V_90)^power, V the product of the scales and V_90
 // the element of rank 0.9 count of the volumes in descending order. Fails with OUT_OF_MEMORY.
 sgs_status sgsi_weigh_by_volume(const sgs_gaussians *model, double power, double *scores);

@@ -414,6 +414,41 @@ static void scales_out_of_range_are_refused(void **state)
     temp_folder_remove(&folder);
 }
 
+// Opacity 1 and 0, as in files that other programs write; sgs_ply_read documents the same logits.
+static void infinite_logits_are_opacities(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "pack");
+    for (int m = 0; m < TESTED; ++m) {
+        sgs_gaussians *model = pack_model(COUNT, 1, 9), *finite = pack_model(COUNT, 1, 9);
+        sgs_gaussians *decoded[2];
+        const sgs_compress_options options = options_of(tested[m], 1);
+        *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = INFINITY;
+        *sgs_gaussians_at(model, 8, SGS_PARAM_OPACITY) = -INFINITY;
+        *sgs_gaussians_at(finite, 7, SGS_PARAM_OPACITY) = 13.8155096f;
+        *sgs_gaussians_at(finite, 8, SGS_PARAM_OPACITY) = -13.8155096f;
+        for (int k = 0; k < 2; ++k)
+            if (sgs_compress(k ? finite : model, &options, path, NULL) ||
+                sgs_decompress(path, &decoded[k], NULL))
+                fail_msg("%s: %s", sgs_compress_method_name(tested[m]), sgs_last_error());
+        char hashes[2][17];
+        for (int k = 0; k < 2; ++k)
+            sgs_gaussians_hash(decoded[k], hashes[k]);
+        assert_string_equal(hashes[0], hashes[1]);
+        sgs_gaussians_linearize_opacity(model);
+        *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = INFINITY;
+        assert_int_equal(sgs_compress(model, &options, path, NULL), SGS_STATUS_INVALID_ARGUMENT);
+        assert_string_equal(sgs_last_error(),
+                            "primitive 7 has a parameter that is not finite; remove it");
+        for (int k = 0; k < 2; ++k)
+            sgs_gaussians_destroy(decoded[k]);
+        sgs_gaussians_destroy(model);
+        sgs_gaussians_destroy(finite);
+    }
+    temp_folder_remove(&folder);
+}
+
 static void cancelling_leaves_the_old_file(void **state)
 {
     (void)state;
@@ -532,6 +567,7 @@ int main(void)
         cmocka_unit_test(invalid_options_are_refused),
         cmocka_unit_test(cancelling_leaves_the_old_file),
         cmocka_unit_test(scales_out_of_range_are_refused),
+        cmocka_unit_test(infinite_logits_are_opacities),
         cmocka_unit_test(marks_are_kept),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -427,6 +427,11 @@ static void only_ply_holds_values_that_are_not_finite(void **state)
         *sgs_gaussians_at(model, 7, SGS_PARAM_OPACITY) = INFINITY; // opaque
         assert_int_equal(sgs_model_write(path, model, NULL, NULL), SGS_STATUS_OK);
         unlink(path);
+        sgs_gaussians *linear = model_random(20, 1);
+        sgs_gaussians_linearize_opacity(linear);
+        *sgs_gaussians_at(linear, 7, SGS_PARAM_OPACITY) = INFINITY; // no opacity
+        refuses(path, linear, NULL, "primitive 7 has a parameter that is not finite");
+        sgs_gaussians_destroy(linear);
     }
     *sgs_gaussians_at(model, 7, SGS_PARAM_MEAN) = NAN;
     assert_int_equal(sgs_model_write(temp_path(&folder, "a.ply"), model, NULL, NULL),

@@ -392,6 +392,9 @@ static void models_that_are_not_finite_are_refused(void **state)
                             "primitive 33 has a parameter that is not finite; remove it");
         *at = kept;
     }
+    sgs_gaussians_linearize_opacity(model.model);
+    *sgs_gaussians_at(model.model, 7, SGS_PARAM_OPACITY) = INFINITY; // no opacity
+    assert_int_equal(sgs_prune_scores(model.model, &options, scores), SGS_STATUS_INVALID_ARGUMENT);
     sgs_scene_destroy(scene);
     oracle_scene_free(&model);
 }

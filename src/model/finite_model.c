@@ -1,12 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
+#include "model/finite_model.h"
+
 #include <math.h>
 
 #include "base/core.h"
-#include "prune/scores.h"
 
-sgs_status sgsi_prune_model_check(const sgs_gaussians *model)
+sgs_status sgsi_finite_model_check(const sgs_gaussians *model, const char *path)
 {
     for (size_t i = 0; i < model->count; ++i)
         for (int k = 0; k < SGS_PARAM_COUNT; ++k) {
@@ -14,7 +15,8 @@ sgs_status sgsi_prune_model_check(const sgs_gaussians *model)
             const bool is_logit = k == SGS_PARAM_OPACITY && !model->linear_opacity;
             if (!isfinite(value) && !(is_logit && isinf(value)))
                 return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
-                                 "primitive %zu has a parameter that is not finite; remove it", i);
+                                 "%s%sprimitive %zu has a parameter that is not finite; remove it",
+                                 path ? path : "", path ? ": " : "", i);
         }
     return SGS_STATUS_OK;
 }

@@ -5,9 +5,9 @@
 // Quaternions are x y z w, scales and opacities linear, SH the coefficients of 3DGS. glTF has x
 // left, y up, z front seen along the view, so x and y change their signs.
 //
-// Read: all primitives of the default scene with the extension, with the transforms of their nodes
-// (rotation, translation, uniform scale). Values may be float, or normalised bytes and shorts.
-// Other contents of the scene may have any transform.
+// Read: all primitives of the default scene with the extension, with the transforms of their nodes.
+// Values may be float, or normalised bytes and shorts. Other contents of the scene may have any
+// transform.
 
 #include "formats/model_format.h"
 
@@ -18,8 +18,7 @@
 #include "base/core.h"
 #include "formats/color_marks.h"
 #include "formats/model_rows.h"
-#include "model/similarity.h"
-#include "sparegs/camera.h"
+#include "model/affine.h"
 #include "sparegs/output_file.h"
 #include "sparegs/version.h"
 
@@ -61,6 +60,10 @@ typedef struct glb_file {
     bool quiet, mixed;       // no warnings; primitives differ in their colour space
     bool other_kernel;       // one has another kernel than "ellipse"
 } glb_file;
+
+typedef struct glb_transform {
+    double matrix[3][3], translation[3]; // x -> matrix x + translation
+} glb_transform;
 
 typedef struct glb_accessor {
     const uint8_t *data;
@@ -200,7 +203,7 @@ static sgs_status open_primitive(const glb_file *file, const json_t *primitive, 
 }
 
 static void decode_primitive(glb_file *file, const glb_primitive *primitive,
-                             const sgsi_similarity *transform)
+                             const sgsi_affine *transform)
 {
     const int coefficients = 1 + sgsi_rest_coefficients(primitive->sh_degree);
     for (size_t i = 0; i < primitive->mean.count; ++i) {
@@ -215,7 +218,7 @@ static void decode_primitive(glb_file *file, const glb_primitive *primitive,
             params[SGS_PARAM_ROTATION + k] =
                 (float)load_value(&primitive->rotation, i, (k + 3) % 4);
         params[SGS_PARAM_OPACITY] = sgsi_logit(load_value(&primitive->opacity, i, 0));
-        sgsi_similarity_apply(transform, params);
+        sgsi_affine_apply(transform, params);
         sgsi_change_axes(SGSI_AXES_LUF, params);
         sgsi_rows_add(&file->rows, params);
     }
@@ -269,10 +272,12 @@ static bool is_compressed(const json_t *splatting)
     return false;
 }
 
-// transform: NULL if it is not a similarity.
-static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_similarity *transform)
+// transform: NULL if it is invalid.
+static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const glb_transform *transform)
 {
     const json_t *primitive;
+    sgsi_affine affine;
+    bool made = false;
     size_t k;
     json_array_foreach(json_object_get(mesh, "primitives"), k, primitive)
     {
@@ -289,17 +294,19 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const sgsi_simi
                              "%s: its Gaussians are compressed; export them without "
                              "KHR_gaussian_splatting_compression",
                              file->path);
-        if (!transform)
+        made = made ||
+               (transform && sgsi_affine_make(transform->matrix, transform->translation, &affine));
+        if (!made)
             return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: the transform of a node is not a rotation, a translation and a "
-                             "positive uniform scale",
+                             "%s: the transform of a node with Gaussians is singular or has "
+                             "invalid values",
                              file->path);
         glb_primitive opened;
         const sgs_status status = open_primitive(file, primitive, &opened);
         if (status)
             return status;
         if (file->decoding) {
-            decode_primitive(file, &opened, transform);
+            decode_primitive(file, &opened, &affine);
             continue;
         }
         read_colors(file, primitive, splatting);
@@ -328,82 +335,63 @@ static bool read_numbers(const json_t *list, size_t count, double *values)
     return !list || json_array_size(list) == count;
 }
 
-// The transform of a node within its parent; false if it is not a similarity.
-static bool read_transform(const json_t *node, double *scale, double quaternion[4],
-                           double translation[3])
+// The transform of a node within its parent; false if it has values of other types.
+static bool read_transform(const json_t *node, glb_transform *own)
 {
-    double matrix[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, scales[3] = {1, 1, 1},
-           rotation[4] = {0, 0, 0, 1}, rows[3][3];
-    memset(translation, 0, 3 * sizeof *translation);
+    double matrix[16] = {0}, scales[3] = {1, 1, 1}, rotation[4] = {0, 0, 0, 1}, norm = 0.0, unit[4];
+    *own = (glb_transform){0};
     const json_t *given = json_object_get(node, "matrix");
-    bool valid = read_numbers(given, 16, matrix) &&
-                 read_numbers(json_object_get(node, "scale"), 3, scales) &&
-                 read_numbers(json_object_get(node, "rotation"), 4, rotation) &&
-                 read_numbers(json_object_get(node, "translation"), 3, translation);
+    const bool valid = read_numbers(given, 16, matrix) &&
+                       read_numbers(json_object_get(node, "scale"), 3, scales) &&
+                       read_numbers(json_object_get(node, "rotation"), 4, rotation) &&
+                       read_numbers(json_object_get(node, "translation"), 3, own->translation);
     for (int k = 0; k < 4; ++k)
-        quaternion[k] = rotation[(k + 3) % 4];
-    if (valid && given) {
-        double volume;
-        for (int c = 0; c < 3; ++c) { // columns
-            scales[c] = sqrt(matrix[4 * c] * matrix[4 * c] + matrix[4 * c + 1] * matrix[4 * c + 1] +
-                             matrix[4 * c + 2] * matrix[4 * c + 2]);
-            translation[c] = matrix[12 + c];
-            for (int r = 0; r < 3; ++r)
-                rows[r][c] = matrix[4 * c + r] / scales[c];
-        }
-        volume = rows[0][0] * (rows[1][1] * rows[2][2] - rows[1][2] * rows[2][1]) -
-                 rows[0][1] * (rows[1][0] * rows[2][2] - rows[1][2] * rows[2][0]) +
-                 rows[0][2] * (rows[1][0] * rows[2][1] - rows[1][1] * rows[2][0]);
-        valid = fabs(volume - 1.0) < 1e-3;
-        sgs_pose pose;
-        memcpy(pose.rotation, rows, sizeof pose.rotation);
-        sgs_pose_quaternion(&pose, quaternion);
+        norm += rotation[k] * rotation[k];
+    norm = sqrt(norm);
+    if (!valid || !(norm > 1e-6 && isfinite(norm)))
+        return false;
+    for (int k = 0; k < 4; ++k)
+        unit[k] = rotation[(k + 3) % 4] / norm;
+    sgsi_rotation_matrix(unit, own->matrix);
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j)
+            own->matrix[i][j] = given ? matrix[4 * j + i] : own->matrix[i][j] * scales[j];
+        own->translation[i] = given ? matrix[12 + i] : own->translation[i];
     }
-    *scale = scales[0];
-    double norm = 0.0;
-    for (int k = 0; k < 4; ++k)
-        norm += quaternion[k] * quaternion[k];
-    for (int k = 0; k < 3; ++k)
-        valid = valid && scales[k] > 0.0 && fabs(scales[k] - scales[0]) < 1e-3 * scales[0] &&
-                isfinite(translation[k]);
-    return valid && norm > 1e-12 && isfinite(norm) && isfinite(*scale);
+    return true;
 }
 
 // The transform of a node in the scene.
-static sgsi_similarity combine(const sgsi_similarity *parent, double scale, const double q[4],
-                               const double translation[3])
+static glb_transform combine(const glb_transform *parent, const glb_transform *own)
 {
-    double moved[3], turned[4];
-    const double *p = parent->quaternion;
-    turned[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3];
-    turned[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2];
-    turned[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1];
-    turned[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
-    for (int i = 0; i < 3; ++i)
-        moved[i] = parent->scale * (parent->rotation[i][0] * translation[0] +
-                                    parent->rotation[i][1] * translation[1] +
-                                    parent->rotation[i][2] * translation[2]) +
-                   parent->translation[i];
-    return sgsi_similarity_make(parent->scale * scale, turned, moved);
+    glb_transform combined = {0};
+    for (int i = 0; i < 3; ++i) {
+        combined.translation[i] = parent->translation[i];
+        for (int k = 0; k < 3; ++k) {
+            combined.translation[i] += parent->matrix[i][k] * own->translation[k];
+            for (int j = 0; j < 3; ++j)
+                combined.matrix[i][j] += parent->matrix[i][k] * own->matrix[k][j];
+        }
+    }
+    return combined;
 }
 
-// parent: NULL if its transform is no similarity, and then nor is that of the node.
-static sgs_status visit_node(glb_file *file, const json_t *index, const sgsi_similarity *parent,
+// parent: NULL if its transform is invalid, and then so is that of the node.
+static sgs_status visit_node(glb_file *file, const json_t *index, const glb_transform *parent,
                              int depth)
 {
     const json_t *node = element(file, "nodes", index), *child;
     const size_t nodes = json_array_size(json_object_get(file->root, "nodes")),
                  most = nodes > MAX_VISITS ? nodes : MAX_VISITS;
-    double scale, quaternion[4], translation[3];
-    sgsi_similarity combined, *transform = NULL;
+    glb_transform own, combined, *transform = NULL;
     size_t k;
     if (!node)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: a node of the scene does not exist", file->path);
     if (depth > MAX_DEPTH || ++file->visits > most)
         return sgsi_fail(SGS_STATUS_LIMIT, "%s: more than %zu nodes, or nested deeper than %d",
                          file->path, most, MAX_DEPTH);
-    if (parent && read_transform(node, &scale, quaternion, translation)) {
-        combined = combine(parent, scale, quaternion, translation);
+    if (parent && read_transform(node, &own)) {
+        combined = combine(parent, &own);
         transform = &combined;
     }
     sgs_status status =
@@ -418,8 +406,7 @@ static sgs_status visit_node(glb_file *file, const json_t *index, const sgsi_sim
 
 static sgs_status visit_scene(glb_file *file)
 {
-    const double none[3] = {0}, unit[4] = {1, 0, 0, 0};
-    const sgsi_similarity identity = sgsi_similarity_make(1.0, unit, none);
+    const glb_transform identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {0}};
     const json_t *index = json_object_get(file->root, "scene"),
                  *scenes = json_object_get(file->root, "scenes"),
                  *scene = index ? element(file, "scenes", index) : json_array_get(scenes, 0),

@@ -233,12 +233,8 @@ float sgsi_float16_to(uint16_t half)
 
 void sgsi_splat_deviation(const sgsi_splat *splat, double deviation[3])
 {
-    const double w = splat->rotation[0], x = splat->rotation[1], y = splat->rotation[2],
-                 z = splat->rotation[3];
-    const double rotation[3][3] = {
-        {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
-        {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
-        {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}};
+    double rotation[3][3];
+    sgsi_rotation_matrix(splat->rotation, rotation);
     for (int j = 0; j < 3; ++j) {
         double variance = 0.0;
         for (int k = 0; k < 3; ++k) {

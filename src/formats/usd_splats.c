@@ -134,30 +134,18 @@ sgs_status sgsi_usd_splats_check(const char *path, sgsi_usd_splats *prims, size_
     return SGS_STATUS_OK;
 }
 
-// x -> -x: the functions of odd degrees change their signs.
-static void mirror(float params[SGS_PARAM_COUNT])
-{
-    for (int k = 0; k < 3; ++k)
-        params[SGS_PARAM_MEAN + k] = 0.0f - params[SGS_PARAM_MEAN + k];
-    for (int k = 0; k < 3 * SGSI_REST_COEFFICIENTS; ++k)
-        if (k < 3 * 3 || k >= 3 * 8)
-            params[SGS_PARAM_SH_REST + k] = 0.0f - params[SGS_PARAM_SH_REST + k];
-}
-
 sgs_status sgsi_usd_splats_decode(const sgsi_usd_splats *prim, bool z_up, sgsi_rows *rows)
 {
     const size_t coefficients = (size_t)sgsi_rest_coefficients(prim->sh_degree) + 1;
     double world[4][4];
-    sgsi_similarity similarity;
-    bool mirrored;
+    sgsi_affine affine;
     memcpy(world, prim->world, sizeof world);
     if (z_up)
         sgsi_usd_turn_y_up(world);
-    if (splat_count(prim) &&
-        !sgsi_usd_similarity((const double(*)[4])world, &similarity, &mirrored))
+    if (splat_count(prim) && !sgsi_usd_affine((const double(*)[4])world, &affine))
         return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                         "%s: line %d: the transform of the splats has a shear or a scale that is "
-                         "not uniform; export them without it",
+                         "%s: line %d: the transform of the splats is singular, projective or not "
+                         "finite; export them without it",
                          rows->path, prim->line);
     for (size_t i = 0; i < splat_count(prim); ++i) {
         float params[SGS_PARAM_COUNT] = {[SGS_PARAM_ROTATION] = 1.0f};
@@ -174,9 +162,7 @@ sgs_status sgsi_usd_splats_decode(const sgsi_usd_splats *prim, bool z_up, sgsi_r
         if (!prim->absent[SGSI_USD_SH])
             memcpy(params + SGS_PARAM_SH_DC, prim->values[SGSI_USD_SH] + 3 * coefficients * i,
                    3 * coefficients * sizeof(float));
-        if (mirrored)
-            mirror(params);
-        sgsi_similarity_apply(&similarity, params);
+        sgsi_affine_apply(&affine, params);
         sgsi_change_axes(SGSI_AXES_RUB, params);
         sgsi_rows_add(rows, params);
     }

@@ -47,5 +47,5 @@ typedef struct sgsi_usd_splats {
 sgs_status sgsi_usd_splats_check(const char *path, sgsi_usd_splats *prims, size_t count,
                                  size_t *total, int *sh_degree);
 
-// Appends the splats of a checked prim. Fails with UNSUPPORTED if its transform is no similarity.
+// Appends the splats of a checked prim. Fails with UNSUPPORTED if its transform is invalid.
 sgs_status sgsi_usd_splats_decode(const sgsi_usd_splats *prim, bool z_up, sgsi_rows *rows);

@@ -12,7 +12,6 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "sparegs/camera.h"
 
 #define DEGREE (3.14159265358979323846 / 180.0)
 
@@ -91,13 +90,12 @@ static void orient(const double q[4], double matrix[4][4])
     const double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (norm == 0.0)
         return;
-    const double w = q[0] / norm, x = q[1] / norm, y = q[2] / norm, z = q[3] / norm;
-    const double rows[3][3] = {
-        {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)},
-        {2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)},
-        {2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)}};
+    const double unit[4] = {q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm};
+    double rotation[3][3];
+    sgsi_rotation_matrix(unit, rotation);
     for (int i = 0; i < 3; ++i)
-        memcpy(matrix[i], rows[i], sizeof rows[i]);
+        for (int j = 0; j < 3; ++j)
+            matrix[i][j] = rotation[j][i];
 }
 
 void sgsi_usd_turn_y_up(double matrix[4][4])
@@ -131,16 +129,16 @@ bool sgsi_usd_decompose(const double matrix[4][4], double rotation[9], double *s
     return valid;
 }
 
-bool sgsi_usd_similarity(const double matrix[4][4], sgsi_similarity *similarity, bool *mirrored)
+bool sgsi_usd_affine(const double matrix[4][4], sgsi_affine *affine)
 {
-    double scale, quaternion[4];
-    sgs_pose pose = {0};
-    bool sheared;
-    if (!sgsi_usd_decompose(matrix, pose.rotation, &scale, mirrored, &sheared) || sheared)
-        return false;
-    sgs_pose_quaternion(&pose, quaternion);
-    *similarity = sgsi_similarity_make(scale, quaternion, matrix[3]);
-    return true;
+    double columns[3][3];
+    bool valid = fabs(matrix[3][3] - 1.0) < 1e-6;
+    for (int i = 0; i < 3; ++i) {
+        valid = valid && fabs(matrix[i][3]) < 1e-6;
+        for (int j = 0; j < 3; ++j)
+            columns[j][i] = matrix[i][j];
+    }
+    return valid && sgsi_affine_make((const double(*)[3])columns, matrix[3], affine);
 }
 
 // ---- Operations ----

@@ -3,11 +3,10 @@
 #pragma once
 
 // Transforms of OpenUSD prims: the xformOps that xformOpOrder lists, also at a time code, and the
-// similarity that the product of such transforms is. Matrices act on row vectors, as in OpenUSD:
-// p M.
+// factors of the product of such transforms. Matrices act on row vectors, as in OpenUSD: p M.
 
 #include "formats/usd_value.h"
-#include "model/similarity.h"
+#include "model/affine.h"
 
 enum { SGSI_USD_OPERATIONS = 32 };
 
@@ -63,5 +62,5 @@ void sgsi_usd_turn_y_up(double matrix[4][4]);
 // nearest factors of a matrix that is no similarity; *sheared is then true.
 bool sgsi_usd_decompose(const double matrix[4][4], double rotation[9], double *scale,
                         bool *mirrored, bool *sheared);
-// False if the matrix is no similarity.
-bool sgsi_usd_similarity(const double matrix[4][4], sgsi_similarity *similarity, bool *mirrored);
+// False if the matrix is singular, projective or not finite.
+bool sgsi_usd_affine(const double matrix[4][4], sgsi_affine *affine);

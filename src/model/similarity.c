@@ -95,6 +95,16 @@ static void rotate_sh(const double rotation[3][3], double sh[4][MAX_SIZE][MAX_SI
     }
 }
 
+void sgsi_rotation_matrix(const double quaternion[4], double rotation[3][3])
+{
+    const double w = quaternion[0], x = quaternion[1], y = quaternion[2], z = quaternion[3];
+    const double rows[3][3] = {
+        {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
+        {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
+        {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}};
+    memcpy(rotation, rows, sizeof rows);
+}
+
 sgsi_similarity sgsi_similarity_make(double scale, const double quaternion[4],
                                      const double translation[3])
 {
@@ -113,14 +123,9 @@ sgsi_similarity sgsi_similarity_make(double scale, const double quaternion[4],
     for (int k = 0; k < 4; ++k)
         s.quaternion[k] /= norm;
     memcpy(s.translation, translation, sizeof s.translation);
-    const double w = s.quaternion[0], x = s.quaternion[1], y = s.quaternion[2], z = s.quaternion[3];
-    const double rotation[3][3] = {
-        {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
-        {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
-        {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}};
-    memcpy(s.rotation, rotation, sizeof rotation);
-    s.rotates = x != 0.0 || y != 0.0 || z != 0.0;
-    rotate_sh(rotation, s.sh);
+    sgsi_rotation_matrix(s.quaternion, s.rotation);
+    s.rotates = s.quaternion[1] != 0.0 || s.quaternion[2] != 0.0 || s.quaternion[3] != 0.0;
+    rotate_sh((const double(*)[3])s.rotation, s.sh);
     return s;
 }
 

@@ -18,6 +18,9 @@ typedef struct sgsi_similarity {
     bool rotates;
 } sgsi_similarity;
 
+// quaternion: w, x, y, z, of norm 1. Points are columns: R x.
+void sgsi_rotation_matrix(const double quaternion[4], double rotation[3][3]);
+
 // quaternion: w, x, y, z, of any positive norm. scale > 0.
 sgsi_similarity sgsi_similarity_make(double scale, const double quaternion[4],
                                      const double translation[3]);

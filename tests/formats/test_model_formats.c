@@ -236,6 +236,47 @@ static void glb_is_read_with_the_transforms_of_its_nodes(void **state)
     temp_folder_remove(&folder);
 }
 
+// The covariance of KHR_gaussian_splatting, M C C^T M^T. Here C is the diagonal of the scales, and
+// M turns by 45 degrees about z, doubles y and turns by 90 degrees about z. Worked out by hand.
+static void glb_is_read_with_deformed_gaussians(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *meshes = strstr(glb_text, ",\"meshes\"");
+    bytes text = {.size = 0};
+    sgs_model_info info;
+    put(&text, glb_text, (size_t)(strstr(glb_text, "[0]}]") - glb_text));
+    put_text(&text,
+             "[0]}],\"nodes\":[{\"translation\":[0,0,5],\"rotation\":[0,0,0.70710678,0.70710678],"
+             "\"scale\":[1,2,1],\"children\":[1]},{\"mesh\":0,"
+             "\"rotation\":[0,0,0.38268343,0.92387953]}]%s",
+             meshes);
+    put_u8(&text, 0);
+    sgs_gaussians *model = read_glb(&folder, (const char *)text.data, &info);
+    // The point (1, 2, 3) turns to (-1, 3) r, is scaled to (-1, 6) r and turns to (-6, -1) r.
+    const double r = sqrt(0.5), x = 1, y = 6553 / 65535.0, z = 655 / 65535.0;
+    expect_row(model, 0, SGS_PARAM_MEAN, 3, (double[]){6 * r, r, 8});
+    // Likewise, the axes (x, 0) and (0, y) become (-2, 1) r x and (-2, -1) r y. Then x and y change
+    // their signs, which leaves the covariance as it is.
+    const double xx = 2 * (x * x + y * y), xy = -(x * x - y * y), yy = 0.5 * (x * x + y * y);
+    double q[4], scales[3], got[3][3], least = INFINITY;
+    for (int k = 0; k < 4; ++k)
+        q[k] = (double)model_value(model, 0, SGS_PARAM_ROTATION + k);
+    for (int k = 0; k < 3; ++k) {
+        scales[k] = exp((double)model_value(model, 0, SGS_PARAM_SCALE + k));
+        least = fmin(least, scales[k]);
+    }
+    model_covariance(q, scales, got);
+    const double expected[3][3] = {{xx, xy, 0}, {xy, yy, 0}, {0, 0, z * z}};
+    for (int i = 0; i < 9; ++i)
+        if (!(fabs(got[i / 3][i % 3] - expected[i / 3][i % 3]) <= 1e-6))
+            fail_msg("covariance %d, %d: %g, not %g", i / 3, i % 3, got[i / 3][i % 3],
+                     expected[i / 3][i % 3]);
+    assert_true(fabs(least / z - 1) <= 1e-5); // not lost beside the others
+    sgs_gaussians_destroy(model);
+    temp_folder_remove(&folder);
+}
+
 // Data of other extensions: in a buffer without bytes (EXT_meshopt_compression), or as SPZ.
 static void compressed_glb_is_refused(void **state)
 {
@@ -528,6 +569,7 @@ int main(void)
         cmocka_unit_test(compressed_ply_is_read),
         cmocka_unit_test(ksplat_is_read),
         cmocka_unit_test(glb_is_read_with_the_transforms_of_its_nodes),
+        cmocka_unit_test(glb_is_read_with_deformed_gaussians),
         cmocka_unit_test(glb_is_read_beside_nodes_of_other_kinds),
         cmocka_unit_test(compressed_glb_is_refused),
         cmocka_unit_test(sog_is_read),

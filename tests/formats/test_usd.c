@@ -41,23 +41,6 @@ static sgs_gaussians *read_text(const temp_folder *folder, const char *text, sgs
     return model;
 }
 
-// Covariance of a primitive: scales squared about the axes of its quaternion.
-static void covariance(const double q[4], const double scales[3], double out[3][3])
-{
-    const double n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-    const double w = q[0], x = q[1], y = q[2], z = q[3];
-    const double r[3][3] = {
-        {w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)},
-        {2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)},
-        {2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z}};
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-            out[i][j] = 0;
-            for (int k = 0; k < 3; ++k)
-                out[i][j] += r[i][k] * r[j][k] / (n * n) * scales[k] * scales[k];
-        }
-}
-
 typedef struct placement {
     const char *above,
         *inside; // attributes of the prim above the splats, and of that of the splats
@@ -156,6 +139,27 @@ static const placement placements[] = {
      "",
      {{4, 0, 0}, {0, 4, 0}, {0, 0, 4}},
      {0}},
+    // scales of the axes of the splats, then also with a turn and a mirror
+    {"",
+     "float3 xformOp:scale = (2, 2, 1)\n" ORDER("\"xformOp:scale\""),
+     {{2, 0, 0}, {0, 2, 0}, {0, 0, 1}},
+     {0}},
+    {"double3 xformOp:translate = (10, 0, 0)\nfloat xformOp:rotateZ = 90\n"
+     "float3 xformOp:scale = (1, 2, -4)\n" ORDER(
+         "\"xformOp:translate\", \"xformOp:rotateZ\", \"xformOp:scale\""),
+     "",
+     {{0, -2, 0}, {1, 0, 0}, {0, 0, -4}},
+     {10, 0, 0}},
+    // a turn before the scale; a shear
+    {"float3 xformOp:scale = (1, 2, 4)\n" ORDER("\"xformOp:scale\""),
+     "float xformOp:rotateZ = 30\n" ORDER("\"xformOp:rotateZ\""),
+     {{0.8660254037844386, -0.5, 0}, {1, 1.7320508075688772, 0}, {0, 0, 4}},
+     {0}},
+    {"matrix4d xformOp:transform = ((1, 0, 0, 0), (0.1, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, "
+     "1))\n" ORDER("\"xformOp:transform\""),
+     "",
+     {{1, 0.1, 0}, {0, 1, 0}, {0, 0, 1}},
+     {0}},
     {"float xformOp:translateX = 3\ndouble xformOp:scaleY = -1\n" ORDER(
          "\"xformOp:translateX\", \"xformOp:scaleY\""),
      "",
@@ -177,13 +181,30 @@ static const placement placements[] = {
      {0}},
 };
 
+// The rotation of the polar decomposition by Higham's iteration, Q <- (Q + Q^-T) / 2.
+static void rotation_of(const double linear[3][3], double q[3][3])
+{
+    memcpy(q, linear, 9 * sizeof **q);
+    for (int n = 0; n < 50; ++n) {
+        double cofactors[3][3], volume = 0;
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j)
+                cofactors[i][j] = q[(i + 1) % 3][(j + 1) % 3] * q[(i + 2) % 3][(j + 2) % 3] -
+                                  q[(i + 1) % 3][(j + 2) % 3] * q[(i + 2) % 3][(j + 1) % 3];
+        for (int j = 0; j < 3; ++j)
+            volume += q[0][j] * cofactors[0][j];
+        for (int k = 0; k < 9; ++k)
+            q[k / 3][k % 3] = (q[k / 3][k % 3] + cofactors[k / 3][k % 3] / volume) / 2;
+    }
+}
+
 static void transforms_are_applied(void **state)
 {
     (void)state;
     static const double flip[3] = {1, -1, -1}, q[4] = {0.5, 0.1, 0.7, -0.3}, sizes[3] = {1, 2, 4};
     const temp_folder folder = temp_folder_make();
     double before[3][3];
-    covariance(q, sizes, before);
+    model_covariance(q, sizes, before);
     for (size_t n = 0; n < 2 * sizeof placements / sizeof *placements; ++n) {
         const placement *p = &placements[n / 2];
         char text[4096];
@@ -193,15 +214,13 @@ static void transforms_are_applied(void **state)
                  p->above, p->inside); // also after the children and the arrays
         sgs_gaussians *model = read_text(&folder, text, NULL);
         assert_int_equal(model->count, 1);
-        double error = 0, after[3][3], rotation[4], scales[3];
-        const double *a = p->linear[0], scale = cbrt(fabs(a[0] * (a[4] * a[8] - a[5] * a[7]) -
-                                                          a[1] * (a[3] * a[8] - a[5] * a[6]) +
-                                                          a[2] * (a[3] * a[7] - a[4] * a[6])));
+        double error = 0, after[3][3], rotation[4], scales[3], turn[3][3];
+        rotation_of(p->linear, turn);
         for (int k = 0; k < 4; ++k)
             rotation[k] = (double)model_value(model, 0, SGS_PARAM_ROTATION + k);
         for (int k = 0; k < 3; ++k)
             scales[k] = exp((double)model_value(model, 0, SGS_PARAM_SCALE + k));
-        covariance(rotation, scales, after);
+        model_covariance(rotation, scales, after);
         const double c[3] = {-(double)model_value(model, 0, SGS_PARAM_SH_REST + 6),
                              -(double)model_value(model, 0, SGS_PARAM_SH_REST),
                              (double)model_value(model, 0, SGS_PARAM_SH_REST + 3)};
@@ -210,7 +229,7 @@ static void transforms_are_applied(void **state)
             for (int j = 0; j < 3; ++j) {
                 double sum = 0;
                 mean += p->linear[i][j] * point[j];
-                direction += p->linear[i][j] / scale * brightest[j];
+                direction += turn[i][j] * brightest[j];
                 for (int k = 0; k < 9; ++k)
                     sum += p->linear[i][k / 3] * before[k / 3][k % 3] * p->linear[j][k % 3];
                 error = fmax(error, fabs(sum - flip[i] * flip[j] * after[i][j]));
@@ -262,18 +281,18 @@ static void other_transforms_are_refused(void **state)
         const char *attributes, *message;
         sgs_status status;
     } cases[] = {
-        {"float3 xformOp:scale = (2, 2, 1)\n" ORDER("\"xformOp:scale\""),
-         "line 4: the transform of the splats has a shear or a scale that is not uniform",
+        {"float3 xformOp:scale = (2, 2, 0)\n" ORDER("\"xformOp:scale\""),
+         "line 4: the transform of the splats is singular, projective or not finite",
          SGS_STATUS_UNSUPPORTED},
-        {"matrix4d xformOp:transform = ((1, 0, 0, 0), (0.1, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, "
-         "1))\n" ORDER("\"xformOp:transform\""),
-         "has a shear", SGS_STATUS_UNSUPPORTED},
+        {"float xformOp:rotateXYZ = (20, 30, 40)\nfloat3 xformOp:scale = (1, 0, 1)\n" ORDER(
+             "\"xformOp:rotateXYZ\", \"xformOp:scale\", \"!invert!xformOp:rotateXYZ\""),
+         "is singular", SGS_STATUS_UNSUPPORTED},
         {"matrix4d xformOp:transform = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 1), (0, 0, 0, "
          "1))\n" ORDER("\"xformOp:transform\""),
-         "has a shear", SGS_STATUS_UNSUPPORTED},
-        {"float xformOp:scaleX = 0\n" ORDER("\"!invert!xformOp:scaleX\""), "has a shear",
+         "is singular, projective", SGS_STATUS_UNSUPPORTED},
+        {"float xformOp:scaleX = 0\n" ORDER("\"!invert!xformOp:scaleX\""), "or not finite",
          SGS_STATUS_UNSUPPORTED},
-        {"float xformOp:rotateX = nan\n" ORDER("\"xformOp:rotateX\""), "has a shear",
+        {"float xformOp:rotateX = nan\n" ORDER("\"xformOp:rotateX\""), "or not finite",
          SGS_STATUS_UNSUPPORTED},
         {"float xformOp:rotateX.timeSamples = { 0: 0 }\n" ORDER("\"xformOp:rotateX\""),
          "the transform of the splats has time samples", SGS_STATUS_UNSUPPORTED},

@@ -108,3 +108,20 @@ static inline size_t *model_match(const sgs_gaussians *model, const sgs_gaussian
     }
     return match;
 }
+
+// Covariance of a primitive: scales squared about the axes of its quaternion.
+static inline void model_covariance(const double q[4], const double scales[3], double out[3][3])
+{
+    const double n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+    const double w = q[0], x = q[1], y = q[2], z = q[3];
+    const double r[3][3] = {
+        {w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)},
+        {2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)},
+        {2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z}};
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+            out[i][j] = 0;
+            for (int k = 0; k < 3; ++k)
+                out[i][j] += r[i][k] * r[j][k] / (n * n) * scales[k] * scales[k];
+        }
+}

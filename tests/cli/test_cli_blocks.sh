@@ -272,6 +272,19 @@ one_line
 cp "$temporary/config.json" "$dir/coarse/config.json"
 run 0 merge "$dir" -o "$temporary/seen" --seam-images 0 --overwrite
 check no_warning test "$(grep -c warning "$temporary/stderr")" = 0
+# the_start_is_found_in_a_moved_folder, also if another model has its former name
+start=$(jq -r .options.init "$dir/block_0/config.json") # where block 0 was resumed
+check it_was_elsewhere test "$start" != "$dir/coarse" -a ! -e "$start"
+mkdir "${start%/*}"
+cp -r "$dir/block_0" "$start"
+hold_out_nothing >"$dir/coarse/config.json"
+for seams in 0 2; do
+    run 0 merge "$dir" "$room" -o "$temporary/start_$seams" --seam-images $seams --json
+    reports "blocks/coarse: the model that the blocks started from was trained on $(jq length <<<"$held_out") of the "
+done
+json "$temporary/stdout" '.seams.reference_psnr_seam > 5'
+rm -r "${start%/*}"
+cp "$temporary/config.json" "$dir/coarse/config.json"
 # a_reference_has_its_own_colour_maps
 run 0 split "$room" -o "$temporary/exposed" --blocks 2
 for script in coarse blocks; do

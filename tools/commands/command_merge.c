@@ -76,6 +76,7 @@ typedef struct merging {
     const merge_values *values;
     const common_values *common;
     merged_blocks blocks;
+    model_path start;            // the model that the blocks started from, if it was found
     sgs_gaussians *reference;    // of the seams, or NULL
     json_t *reference_exposures; // of its own run, or NULL
     sgs_scene *scene;
@@ -157,11 +158,17 @@ static bool write_run(merging *m)
     return done;
 }
 
-static bool read_model(merging *m, const char *path)
+static bool read_reference(merging *m, const model_path *located)
+{
+    return model_read(located, NULL, &m->reference) &&
+           exposure_of_model(located, m->scene, &m->reference_exposures);
+}
+
+// Reads the model of --seam-reference. False after printing the error.
+static bool read_given(merging *m)
 {
     model_path located;
-    const bool done = model_locate(path, &located) && model_read(&located, NULL, &m->reference) &&
-                      exposure_of_model(&located, m->scene, &m->reference_exposures);
+    const bool done = model_locate(m->values->reference, &located) && read_reference(m, &located);
     model_path_free(&located);
     return done;
 }
@@ -174,74 +181,74 @@ static void forget_reference(merging *m)
     m->reference_exposures = NULL;
 }
 
-// Reads `path` as the reference if it is the model that the blocks started from. False after
-// printing the error.
-static bool read_start(merging *m, const char *path)
+// True if a model is known to be another than the one that the blocks started from: by its
+// parameters if it was read, else by the record of its run.
+static bool is_other(const merging *m, const model_path *located)
 {
     const char *expected = json_string_value(json_object_get(m->blocks.configs[0], "init_hash"));
-    char hash[17];
-    if (m->reference || !model_is(path))
-        return true;
-    if (!read_model(m, path))
-        return false;
-    sgs_gaussians_hash(m->reference, hash);
-    if (expected && strcmp(hash, expected) != 0)
-        forget_reference(m);
-    return true;
-}
-
-// True if the model of a run is known to be another than the one that the blocks started from.
-static bool was_retrained(const merging *m, const char *run)
-{
-    const char *expected = json_string_value(json_object_get(m->blocks.configs[0], "init_hash"));
-    char *path = format_text("%s/summary.json", run);
-    json_t *summary = load_json(path, 0, NULL);
+    char *path = format_text("%s/summary.json", located->run ? located->run : ""), own[17];
+    json_t *summary = m->reference || !located->run ? NULL : load_json(path, 0, NULL);
     const char *hash = json_string_value(json_object_get(summary, "model_hash"));
+    if (m->reference) {
+        sgs_gaussians_hash(m->reference, own);
+        hash = own;
+    }
     const bool other = expected && hash && strcmp(hash, expected) != 0;
     json_decref(summary);
     free(path);
     return other;
 }
 
+// Whether the seams are compared with the model that the blocks started from.
+static bool refers_to_start(const merging *m)
+{
+    return m->values->seam_images && !m->values->reference;
+}
+
+// Locates the model that the blocks started from, where it was, or, if DIR was moved, in
+// DIR/coarse; reads it if the seams are compared with it. False after printing the error.
+static bool find_start(merging *m)
+{
+    const char *was = json_string_value(config_option(m->blocks.configs[0], "init"));
+    char *coarse = format_text("%s/coarse", m->blocks.folder);
+    const char *const places[] = {was, coarse};
+    bool done = true;
+    for (int k = 0; k < 2 && done && !m->start.ply_path; ++k) {
+        if (!places[k] || !model_is(places[k]))
+            continue;
+        done = model_locate(places[k], &m->start) &&
+               (!refers_to_start(m) || read_reference(m, &m->start));
+        if (done && is_other(m, &m->start)) {
+            forget_reference(m);
+            model_path_free(&m->start);
+        }
+    }
+    if (done && refers_to_start(m) && !m->reference)
+        print_warning("%s: the model that the blocks started from is missing or was retrained; "
+                      "seams are compared without it; give it with --seam-reference",
+                      was ? was : coarse);
+    free(coarse);
+    return done;
+}
+
 // Warns if the model that the blocks started from was trained on held-out images: then the merged
 // one was.
 static void check_start(const merging *m)
 {
-    const char *start = json_string_value(config_option(m->blocks.configs[0], "init"));
-    char *coarse = format_text("%s/coarse", m->blocks.folder);
-    const char *path = start && model_is(start) ? start : model_is(coarse) ? coarse : NULL;
-    model_path located = {0};
-    if (path && model_locate(path, &located) && located.run && !was_retrained(m, located.run)) {
-        const ptrdiff_t trained =
-            run_record_trained(located.run, located.config, m->scene, SGS_SPLIT_TEST);
-        if (trained > 0)
-            print_warning("%s: the model that the blocks started from was trained on %td of the "
-                          "%zu held-out images, so held-out scores are too high; retrain it with "
-                          "the split of the blocks",
-                          located.run, trained, scene_split_count(m->scene, SGS_SPLIT_TEST));
-    }
-    model_path_free(&located);
-    free(coarse);
+    const char *run = m->start.run;
+    const ptrdiff_t trained =
+        run ? run_record_trained(run, m->start.config, m->scene, SGS_SPLIT_TEST) : 0;
+    if (trained > 0)
+        print_warning("%s: the model that the blocks started from was trained on %td of the %zu "
+                      "held-out images, so held-out scores are too high; retrain it with the split "
+                      "of the blocks",
+                      run, trained, scene_split_count(m->scene, SGS_SPLIT_TEST));
 }
 
-// Reads the model of --seam-reference, or the model that the blocks started from: where it was, or,
-// if DIR was moved, DIR/coarse. False after printing the error.
-static bool read_reference(merging *m)
+// Whether --seam-reference names a model.
+static bool is_given(const merging *m)
 {
-    const char *given = m->values->reference,
-               *start = json_string_value(config_option(m->blocks.configs[0], "init"));
-    if (!m->values->seam_images || (given && !strcmp(given, "none")))
-        return true;
-    if (given)
-        return read_model(m, given);
-    char *coarse = format_text("%s/coarse", m->blocks.folder);
-    const bool done = (!start || read_start(m, start)) && read_start(m, coarse);
-    if (done && !m->reference)
-        print_warning("%s: the model that the blocks started from is missing or was retrained; "
-                      "seams are compared without it; give it with --seam-reference",
-                      start ? start : coarse);
-    free(coarse);
-    return done;
+    return m->values->reference && strcmp(m->values->reference, "none") != 0;
 }
 
 static bool compare_seams(merging *m)
@@ -304,8 +311,10 @@ static int read_inputs(merging *m, const command_line *line)
         return status;
     if (!merged_blocks_hold_out(&m->blocks, m->scene))
         return EXIT_FAILED;
+    if (!find_start(m))
+        return EXIT_FAILED;
     check_start(m);
-    const bool read = read_reference(m) && merged_blocks_read(&m->blocks);
+    const bool read = (!is_given(m) || read_given(m)) && merged_blocks_read(&m->blocks);
     return interrupt_signal() ? interrupt_status() : read ? -1 : EXIT_FAILED;
 }
 
@@ -386,6 +395,7 @@ int command_merge(int argc, char **argv)
     status = merge(&m, &call.line);
     sgs_scene_destroy(m.scene);
     forget_reference(&m);
+    model_path_free(&m.start);
     merged_blocks_free(&m.blocks);
     return status;
 }

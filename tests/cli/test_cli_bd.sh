@@ -100,6 +100,16 @@ one_line
 run 0 bd "$temporary/a_bytes.csv" "$b"
 prints "BD-rate   -35.60 %"
 reports "$b: column 'size' is taken as MiB, because $temporary/a_bytes.csv has 'bytes'"
+# a_column_may_name_the_unit
+sed 's/size/mib/' "$a" >"$temporary/a_mib.csv"
+for other in "$b" "$temporary/b_bytes.csv"; do
+    run 0 bd "$temporary/a_mib.csv" "$other"
+    prints "BD-rate   -35.60 %"
+done
+check no_note_if_both_have_units test ! -s "$temporary/stderr"
+run 0 bd "$b" "$temporary/a_mib.csv"
+reports "$b: column 'size' is taken as MiB, because $temporary/a_mib.csv has 'MiB'"
+one_line
 printf 'size,psnr\n10,20\n20,25\n40,29\n' >"$a"
 
 # bad_tables_are_refused

@@ -17,19 +17,21 @@
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/shared_options.h"
+#include "report/bd_doubt.h"
 #include "sparegs/rate_distortion.h"
 
 static const char description[] =
     "Compares the rate-distortion curve (size and PSNR) in TEST with that in ANCHOR: BD-rate is "
     "the mean change in size at equal PSNR, BD-PSNR the mean change in PSNR at equal size. Both "
-    "files are CSV tables with a header that names the columns 'size' or 'bytes', and 'psnr' "
-    "(other columns are ignored), and three rows or more, in any order. If one file has 'size' and "
-    "the other 'bytes', sizes are in MiB. --select chooses the rows of one curve in a table of "
+    "files are CSV tables with a header that names the columns 'size', 'bytes' or 'MiB', and "
+    "'psnr' "
+    "(other columns are ignored), and three rows or more, in any order. 'size' has any unit, the "
+    "same in both files; MiB if the other file has 'bytes' or 'MiB'. --select chooses the rows of "
+    "one curve in a table of "
     "several, such as post.csv of an experiment. The curves are interpolated by monotone cubics "
     "(PCHIP) over ln(size).";
 
 enum { COLUMNS = 2, MAX_POINTS = 100000, MAX_CONDITIONS = 16 };
-static const double LEAST_COMMON_DB = 0.02; // published values are rounded to 0.01 dB
 
 typedef struct bd_values {
     const char *select, *select_test;
@@ -58,10 +60,14 @@ typedef struct selection {
     int count;
 } selection;
 
+// Names of the column of the sizes, in the order in which they are looked for.
+typedef enum size_unit { ANY_UNIT, BYTES, MIB, UNITS } size_unit;
+static const char *const unit_columns[UNITS] = {"size", "bytes", "MiB"};
+
 typedef struct curve {
     sgs_rd_point *points;
     size_t count;
-    bool in_bytes; // the column is 'bytes', not 'size'
+    size_unit unit;
 } curve;
 
 // Length of the field that begins at `at`: up to the next comma outside of double quotes.
@@ -137,19 +143,23 @@ static int selection_parse(const char *option_name, const char *text, selection 
 // The columns of a table: of size and PSNR, and of the conditions.
 typedef struct table_columns {
     int values[COLUMNS], conditions[MAX_CONDITIONS];
-    const char *size_name;
+    size_unit unit;
 } table_columns;
 
 // False after printing the error if a column is missing.
 static bool find_columns(const char *path, size_t row, const char *header, const selection *rows,
                          table_columns *found)
 {
-    found->size_name = column_of(header, "size") >= 0 ? "size" : "bytes";
-    found->values[0] = column_of(header, found->size_name);
+    found->values[0] = -1;
+    for (int unit = UNITS - 1; unit >= 0; --unit) {
+        const int column = column_of(header, unit_columns[unit]);
+        found->values[0] = column >= 0 ? column : found->values[0];
+        found->unit = column >= 0 ? (size_unit)unit : found->unit;
+    }
     found->values[1] = column_of(header, "psnr");
     if (found->values[0] < 0 || found->values[1] < 0) {
-        fail_run("%s: line %zu: the header has no column '%s'; the first line must name 'size' or "
-                 "'bytes', and 'psnr'",
+        fail_run("%s: line %zu: the header has no column '%s'; the first line must name 'size', "
+                 "'bytes' or 'MiB', and 'psnr'",
                  path, row, found->values[0] < 0 ? "size" : "psnr");
         return false;
     }
@@ -195,12 +205,12 @@ static bool curve_add(const char *path, size_t row, const char *line, const tabl
                       curve *read)
 {
     sgs_rd_point point;
-    if (!number_of(path, row, line, columns->values[0], columns->size_name, &point.size) ||
+    const char *size_name = unit_columns[columns->unit];
+    if (!number_of(path, row, line, columns->values[0], size_name, &point.size) ||
         !number_of(path, row, line, columns->values[1], "psnr", &point.psnr))
         return false;
     if (!(point.size > 0)) {
-        fail_run("%s: line %zu: %s is %g; it must be positive", path, row, columns->size_name,
-                 point.size);
+        fail_run("%s: line %zu: %s is %g; it must be positive", path, row, size_name, point.size);
         return false;
     }
     if (read->count == MAX_POINTS) {
@@ -266,7 +276,7 @@ static bool read_rows(const char *path, FILE *stream, const selection *rows, cur
         }
         header = false;
         valid = find_columns(path, row, line, rows, &columns);
-        read->in_bytes = valid && !strcmp(columns.size_name, "bytes");
+        read->unit = columns.unit;
     }
     return valid;
 }
@@ -289,24 +299,29 @@ static bool curve_read(const char *path, const selection *rows, curve *read)
     return valid;
 }
 
-// Two tables with 'size' may have any unit. The tables of `report` and of papers use MiB.
-static void convert_to_bytes(const char *path, const char *other_path, curve *sizes)
+// Two tables with 'size' may have any unit, else all are bytes. The tables of `report` and of
+// papers use MiB.
+static void convert_to_bytes(const char *const paths[2], curve curves[2])
 {
-    print_note("%s: column 'size' is taken as MiB, because %s has 'bytes'", path, other_path);
-    for (size_t k = 0; k < sizes->count; ++k)
-        sizes->points[k].size *= 1024.0 * 1024.0;
+    for (int k = 0; k < 2; ++k) {
+        if (curves[k].unit == BYTES || (curves[0].unit == ANY_UNIT && curves[1].unit == ANY_UNIT))
+            continue;
+        if (curves[k].unit == ANY_UNIT)
+            print_note("%s: column 'size' is taken as MiB, because %s has '%s'", paths[k],
+                       paths[1 - k], unit_columns[curves[1 - k].unit]);
+        for (size_t i = 0; i < curves[k].count; ++i)
+            curves[k].points[i].size *= 1024.0 * 1024.0;
+        curves[k].unit = BYTES;
+    }
 }
 
 static void warn_unreliable(const sgs_bd *bd)
 {
-    if (bd->ties)
-        print_warning("equal PSNRs or sizes within a curve were moved apart by 1e-9 (%zu point%s); "
-                      "the result depends on their rounding",
-                      bd->ties, bd->ties == 1 ? "" : "s");
-    if (!isnan(bd->rate_percent) && bd->common_psnr_db < LEAST_COMMON_DB)
-        print_warning("the PSNR ranges of the curves overlap by %.2g dB only; BD-rate depends on "
-                      "the rounding of the points",
-                      bd->common_psnr_db);
+    int k = 0;
+    for (char *doubt; (doubt = bd_doubt(bd, k)); ++k) {
+        print_warning("%s", doubt);
+        free(doubt);
+    }
 }
 
 static void print_figure(const char *name, double value, const char *unit, const char *reason)
@@ -355,15 +370,15 @@ int command_bd(int argc, char **argv)
     if (status < 0)
         status = values.select_test ? selection_parse("select-test", values.select_test, &of_test)
                                     : selection_parse("select", values.select, &of_test);
-    curve anchor = {0}, test = {0};
-    bool done = status < 0 && curve_read(call.line.operands[0], &of_anchor, &anchor) &&
-                curve_read(call.line.operands[1], &of_test, &test);
-    if (done && anchor.in_bytes != test.in_bytes)
-        convert_to_bytes(call.line.operands[anchor.in_bytes], call.line.operands[test.in_bytes],
-                         anchor.in_bytes ? &test : &anchor);
+    curve curves[2] = {0};
+    const char *const *paths = (const char *const *)call.line.operands;
+    bool done = status < 0 && curve_read(paths[0], &of_anchor, &curves[0]) &&
+                curve_read(paths[1], &of_test, &curves[1]);
     if (done) {
         sgs_bd bd;
-        done = !sgs_bd_compute(anchor.points, anchor.count, test.points, test.count, &bd);
+        convert_to_bytes(paths, curves);
+        done = !sgs_bd_compute(curves[0].points, curves[0].count, curves[1].points, curves[1].count,
+                               &bd);
         if (!done)
             fail_library();
         else
@@ -372,7 +387,7 @@ int command_bd(int argc, char **argv)
     }
     free(of_anchor.names);
     free(of_test.names);
-    free(anchor.points);
-    free(test.points);
+    free(curves[0].points);
+    free(curves[1].points);
     return status >= 0 ? status : done ? EXIT_DONE : EXIT_FAILED;
 }

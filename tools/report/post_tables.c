@@ -9,7 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cli/output.h"
 #include "cli/progress.h"
+#include "report/bd_doubt.h"
 #include "report/table_rows.h"
 #include "report/time_conditions.h"
 #include "sparegs/rate_distortion.h"
@@ -196,6 +198,22 @@ static unsigned untimed_of(const selection *chosen, const bool *counts)
     return untimed;
 }
 
+// Warns of changes that depend on the rounding of the points, also in the note of the table.
+static void warn_unreliable(json_t *table, const selection *chosen, const sgs_bd *bd)
+{
+    int k = 0;
+    for (char *doubt; (doubt = bd_doubt(bd, k)); ++k) {
+        char *text = format_text("%s, %s, %s: %s", chosen->pipeline, chosen->step,
+                                 chosen->group ? chosen->group : "mean", doubt);
+        char *note = format_text("%s %s.", json_member_text(table, "note"), text);
+        print_warning("%s", text);
+        json_object_set_new(table, "note", json_string(note));
+        free(note);
+        free(text);
+        free(doubt);
+    }
+}
+
 // The last row of a group: changes over all points. untimed: see untimed_of.
 static void put_changes(json_t *table, const selection *chosen, const figures *base,
                         const figures *ours, size_t count, unsigned untimed)
@@ -213,6 +231,7 @@ static void put_changes(json_t *table, const selection *chosen, const figures *b
     if (sgs_bd_compute(base_curve, count, our_curve, count, &bd))
         bd.rate_percent = bd.psnr_db = NAN; // a model without primitives
     free(base_curve);
+    warn_unreliable(table, chosen, &bd);
     json_t *row = json_array();
     put_labels(row, chosen, "all");
     for (int k = 0; k < 2 * FIGURES; ++k)

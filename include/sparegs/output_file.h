@@ -25,8 +25,8 @@ typedef struct sgs_output_file {
     char *path, *target, *temporary; // target: path, or the file that this symbolic link points to
 } sgs_output_file;
 
-// Fails with IO (the temporary file cannot be created; `path` is a device, a pipe, or a symbolic
-// link that leads nowhere) or OUT_OF_MEMORY; the file then needs neither commit nor abort.
+// Fails with IO (the temporary file cannot be created; `path` is a folder, a device, a pipe, or a
+// symbolic link that leads nowhere) or OUT_OF_MEMORY; the file then needs neither commit nor abort.
 SGS_API sgs_status sgs_output_file_open(sgs_output_file *file, const char *path);
 // Flushes the file to disk and renames it to `target`. After a write error it removes the temporary
 // file and fails with IO.

@@ -28,11 +28,22 @@ static sgs_status find_target(const char *path, char **target)
     return SGS_STATUS_OK;
 }
 
+// True for "", and for a path that ends in '/', "." or "..".
+static bool names_folder(const char *path)
+{
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    return !*name || !strcmp(name, ".") || !strcmp(name, "..");
+}
+
 sgs_status sgs_output_file_open(sgs_output_file *file, const char *path)
 {
     struct stat info;
     *file = (sgs_output_file){0};
-    if (!stat(path, &info) && !S_ISREG(info.st_mode) && !S_ISDIR(info.st_mode))
+    const bool exists = !stat(path, &info);
+    if ((exists && S_ISDIR(info.st_mode)) || names_folder(path))
+        return sgsi_fail(SGS_STATUS_IO, "%s: is %s folder; choose the name of a file", path,
+                         exists ? "a" : "the name of a");
+    if (exists && !S_ISREG(info.st_mode))
         return sgsi_fail(SGS_STATUS_IO, "%s: is a device or a pipe; choose the name of a file",
                          path);
     sgs_status status = find_target(path, &file->target);

@@ -91,6 +91,28 @@ static void a_device_or_a_pipe_is_not_replaced(void **state)
     temp_folder_remove(&folder);
 }
 
+static void a_folder_is_no_output_file(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "folder"), *link = temp_path(&folder, "link");
+    const char *const names[] = {"", "none/", "./.", "none/..", path, link};
+    sgs_output_file file;
+    assert_int_equal(mkdir(path, 0700), 0);
+    assert_int_equal(symlink("folder", link), 0);
+    for (size_t k = 0; k < sizeof names / sizeof *names; ++k) {
+        char expected[600];
+        assert_int_equal(sgs_output_file_open(&file, names[k]), SGS_STATUS_IO);
+        snprintf(expected, sizeof expected, "%s: is %s folder; choose the name of a file", names[k],
+                 k == 2 || k > 3 ? "a" : "the name of a");
+        assert_string_equal(sgs_last_error(), expected);
+        assert_null(file.stream);
+    }
+    assert_int_equal(temp_folder_count(&folder), 2);
+    assert_int_equal(rmdir(path), 0);
+    temp_folder_remove(&folder);
+}
+
 // Of another process with the same id, as in a container that shares the folder.
 static void temporary_files_of_others_are_kept(void **state)
 {
@@ -260,6 +282,7 @@ int main(void)
         cmocka_unit_test(two_open_writes_of_a_file_are_separate),
         cmocka_unit_test(a_symbolic_link_is_followed),
         cmocka_unit_test(a_device_or_a_pipe_is_not_replaced),
+        cmocka_unit_test(a_folder_is_no_output_file),
         cmocka_unit_test(temporary_files_of_others_are_kept),
         cmocka_unit_test(threads_that_write_one_file_leave_a_whole_one),
         cmocka_unit_test(folders_are_made_with_their_parents),

@@ -23,7 +23,7 @@
 
 static const double margin = 0.15, variance = 0.2, round_off = 1e-9;
 
-enum { BLOCK = 256, VIEWS_AT_ONCE = 512, SCALE_GRAIN = 1 << 14 };
+enum { BLOCK = 256, VIEWS_AT_ONCE = 512, SCALE_GRAIN = 1 << 14, FUSE_GRAIN = 1024 };
 
 // What the loop over the views reads of each.
 typedef struct sampling_view {
@@ -352,14 +352,47 @@ void sgsi_filter_3d_unfuse(float params[SGS_PARAM_COUNT], double filter_3d)
         params[SGS_PARAM_SCALE + k] += (float)(0.5 * log(ratios[k]));
 }
 
-void sgsi_filter_3d_fuse_row(const sgs_gaussians *from, size_t i, float filter_3d,
-                             sgs_gaussians *to)
+typedef struct fuse_job {
+    const sgs_gaussians *from;
+    const float *filter_3d;
+    sgs_gaussians *to;
+} fuse_job;
+
+static void fuse_range(void *context, size_t begin, size_t end, int thread)
 {
-    float params[SGS_PARAM_COUNT];
-    sgs_gaussians_get(from, i, params);
-    params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(from, i);
-    sgsi_filter_3d_fuse(params, (double)filter_3d);
-    sgs_gaussians_set(to, i, params);
+    (void)thread;
+    const fuse_job *job = context;
+    for (size_t i = begin; i < end; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(job->from, i, params);
+        params[SGS_PARAM_OPACITY] = sgs_gaussians_opacity_logit(job->from, i);
+        sgsi_filter_3d_fuse(params, (double)job->filter_3d[i]);
+        sgs_gaussians_set(job->to, i, params);
+    }
+}
+
+void sgsi_filter_3d_fuse_rows(const sgs_gaussians *from, const float *filter_3d, sgs_gaussians *to)
+{
+    fuse_job job = {from, filter_3d, to};
+    sgsi_parallel_ranges(from->count, FUSE_GRAIN, fuse_range, &job);
+}
+
+static void unfuse_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const fuse_job *job = context;
+    for (size_t i = begin; i < end; ++i) {
+        float params[SGS_PARAM_COUNT];
+        sgs_gaussians_get(job->to, i, params);
+        sgsi_filter_3d_unfuse(params, (double)job->filter_3d[i]);
+        sgs_gaussians_set(job->to, i, params);
+    }
+}
+
+void sgsi_filter_3d_unfuse_rows(sgs_gaussians *model, const float *filter_3d)
+{
+    fuse_job job = {NULL, filter_3d, model};
+    sgsi_parallel_ranges(model->count, FUSE_GRAIN, unfuse_range, &job);
 }
 
 sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float *filter_3d,
@@ -374,7 +407,6 @@ sgs_status sgs_gaussians_fuse_filter_3d(const sgs_gaussians *model, const float 
         return status;
     }
     (*fused)->sh_degree = model->sh_degree;
-    for (size_t i = 0; i < model->count; ++i)
-        sgsi_filter_3d_fuse_row(model, i, filter_3d[i], *fused);
+    sgsi_filter_3d_fuse_rows(model, filter_3d, *fused);
     return SGS_STATUS_OK;
 }

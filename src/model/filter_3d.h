@@ -32,6 +32,8 @@ void sgsi_filter_3d_fuse(float params[SGS_PARAM_COUNT], double filter_3d);
 // share of s^2, from 1 % to all of it, the smallest one that leaves the opacity below 1. Fusing
 // then restores opacity times volume, with larger scales.
 void sgsi_filter_3d_unfuse(float params[SGS_PARAM_COUNT], double filter_3d);
-// A row of a model with its filter applied and the opacity as logit; `to` may be `from`.
-void sgsi_filter_3d_fuse_row(const sgs_gaussians *from, size_t i, float filter_3d,
-                             sgs_gaussians *to);
+
+// All rows of a model; filter_3d: [count]. The opacities of `to` are logits; it may be `from`.
+void sgsi_filter_3d_fuse_rows(const sgs_gaussians *from, const float *filter_3d, sgs_gaussians *to);
+// Of a model with logits.
+void sgsi_filter_3d_unfuse_rows(sgs_gaussians *model, const float *filter_3d);

@@ -285,19 +285,6 @@ void sgsi_trainer_convert_opacity(sgs_trainer *trainer)
     }
 }
 
-// Stored models have the 3D filter of Mip-Splatting in their scales and opacities, and would get it
-// twice.
-static void remove_stored_filter(sgs_trainer *trainer)
-{
-    sgs_gaussians *model = trainer->model;
-    for (size_t i = 0; i < model->count; ++i) {
-        float params[SGS_PARAM_COUNT];
-        sgs_gaussians_get(model, i, params);
-        sgsi_filter_3d_unfuse(params, (double)trainer->filter_3d[i]);
-        sgs_gaussians_set(model, i, params);
-    }
-}
-
 sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
 {
     sgs_status status;
@@ -328,8 +315,10 @@ sgs_status sgsi_trainer_create_model(sgs_trainer *trainer)
     trainer->count = trainer->model->count;
     trainer->progress.pipeline.initial_count = (int64_t)sgsi_trainer_trained(trainer);
     status = sgsi_trainer_update_filter_3d(trainer);
+    // Stored models have the 3D filter of Mip-Splatting in their scales and opacities, and would
+    // get it twice.
     if (!status && trainer->has_init && trainer->filter_3d)
-        remove_stored_filter(trainer);
+        sgsi_filter_3d_unfuse_rows(trainer->model, trainer->filter_3d);
     return status;
 }
 

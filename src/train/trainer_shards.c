@@ -252,8 +252,7 @@ static void write_rows(void *taker, sgs_gaussians *rows, const float *filter_3d)
 // Writes rows with the filter applied, as sgs_gaussians_fuse_filter_3d.
 static void write_fused(void *taker, sgs_gaussians *rows, const float *filter_3d)
 {
-    for (size_t i = 0; i < rows->count; ++i)
-        sgsi_filter_3d_fuse_row(rows, i, filter_3d[i], rows);
+    sgsi_filter_3d_fuse_rows(rows, filter_3d, rows);
     rows->linear_opacity = false;
     sgsi_ply_parts_add(taker, rows, NULL);
 }

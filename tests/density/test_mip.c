@@ -242,6 +242,38 @@ static void fused_model_looks_the_same_without_its_filter(void **state)
     oracle_scene_free(&scene);
 }
 
+// Also where several threads share the rows.
+static void models_are_filtered_row_by_row(void **state)
+{
+    (void)state;
+    enum { N = 5000 };
+    oracle_scene scene = oracle_random_model(3, N, NULL);
+    sgs_gaussians *fused;
+    float *filter = oracle_memory(N, sizeof *filter);
+    for (size_t i = 0; i < N; ++i)
+        filter[i] = i % 7 ? (float)(0.1 * sgsi_random_uniform(2, i)) : 0;
+    for (int threads = 1; threads < 4; threads += 2) {
+        sgsi_threads_set(threads);
+        assert_int_equal(sgs_gaussians_fuse_filter_3d(scene.model, filter, &fused), SGS_STATUS_OK);
+        for (int pass = 0; pass < 2; ++pass) {
+            for (size_t i = 0; i < N; ++i) {
+                float expected[SGS_PARAM_COUNT], row[SGS_PARAM_COUNT];
+                sgs_gaussians_get(scene.model, i, expected);
+                sgsi_filter_3d_fuse(expected, (double)filter[i]);
+                if (pass)
+                    sgsi_filter_3d_unfuse(expected, (double)filter[i]);
+                sgs_gaussians_get(fused, i, row);
+                assert_memory_equal(row, expected, sizeof row);
+            }
+            sgsi_filter_3d_unfuse_rows(fused, filter);
+        }
+        sgs_gaussians_destroy(fused);
+    }
+    sgsi_threads_set(0);
+    free(filter);
+    oracle_scene_free(&scene);
+}
+
 // Scales of a primitive and its opacity, from equations 6 and 9 of the paper: s'^2 = s^2 + f3^2 and
 // o' = o product s / s'.
 static void filtered(const double scale[3], double opacity, double filter, double out[4])
@@ -453,6 +485,7 @@ int main(void)
         cmocka_unit_test(the_nearest_view_is_found_among_many),
         cmocka_unit_test(ranks_are_those_of_a_sorted_copy),
         cmocka_unit_test(fused_model_looks_the_same_without_its_filter),
+        cmocka_unit_test(models_are_filtered_row_by_row),
         cmocka_unit_test(removing_the_filter_restores_the_raw_primitive),
         cmocka_unit_test(primitives_below_the_filter_keep_opacity_times_volume),
         cmocka_unit_test(filter_is_the_last_of_63_properties),

@@ -23,6 +23,22 @@ SGS_API sgs_status sgs_image8_from_planes(const float *const color[3], const flo
                                           const float background[3], int width, int height,
                                           sgs_image8 *out);
 
+// The 8-bit image of a render that `eval` compares: the same of colours in `space`, with linear
+// light encoded as sRGB before the quantisation.
+SGS_API sgs_status sgs_image8_from_render(const float *const color[3], const float *transmittance,
+                                          const float background[3], sgs_space space, int width,
+                                          int height, sgs_image8 *out);
+
+// The photo over `background`, both in the space of the photo. planes: [3][height][width]. Cannot
+// fail.
+SGS_API void sgs_photo_flatten(const sgs_photo *photo, const float background[3], float *planes);
+
+// The 8-bit image of a photo that `eval` compares: flattened, and quantised as the render. space:
+// of the scene of the photo. Pixels outside of its valid mask have any value. Release with
+// sgs_image8_free. Fails with INVALID_ARGUMENT (size) or OUT_OF_MEMORY; *out is then empty.
+SGS_API sgs_status sgs_image8_from_photo(const sgs_photo *photo, const float background[3],
+                                         sgs_space space, sgs_image8 *out);
+
 // 20 log10(1 / sqrt(MSE)) in dB over the first three channels; +infinity for identical images. NaN
 // if the sizes differ or an image has fewer than three channels.
 SGS_API double sgs_psnr(const sgs_image8 *a, const sgs_image8 *b);

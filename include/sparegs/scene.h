@@ -3,8 +3,8 @@
 #pragma once
 
 // Data sets for training: views (camera, pose, photo), the sparse point cloud and the split,
-// from files (COLMAP, binary or text; NeRF/nerfstudio transforms) or from the caller's memory. The
-// only file it writes is cameras.json.
+// from files (COLMAP, binary or text; NeRF/nerfstudio transforms) or from the caller's memory. Also
+// cameras.json, the only file it writes.
 //
 // Threads: sgs_scene_load, sgs_scene_create and calls on different scenes may run at the same time.
 // On one scene, sgs_scene_photo and sgs_scene_prefetch take one call at a time: only one trainer at
@@ -281,7 +281,7 @@ SGS_API void sgs_scene_find_recorded(const sgs_scene *scene, const char *const *
                                      ptrdiff_t *views);
 
 typedef struct sgs_named_camera {
-    const char *name;
+    const char *name; // NULL if the file has none
     sgs_camera camera;
     sgs_pose pose;
     int orientation; // Exif, of the image file, 1 to 8; 0: unknown
@@ -296,6 +296,19 @@ SGS_API sgs_status sgs_cameras_write_json(const sgs_named_camera *cameras, size_
                                           const char *path);
 // The same for the views of a scene, held-out views first.
 SGS_API sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const char *path);
+
+// Reads a cameras.json of any 3DGS program: a list of cameras, or one. Without cx and cy, the
+// principal point is the image centre; without camera_model and params, the lens is a pinhole; cx
+// and cy count if they differ from params. Release *cameras [*count] with sgs_cameras_free; it owns
+// the names. Fails with IO, FORMAT (the message names the camera by its index from 0) or
+// OUT_OF_MEMORY; *cameras is then NULL.
+SGS_API sgs_status sgs_cameras_read_json(const char *path, sgs_named_camera **cameras,
+                                         size_t *count);
+// The same of `size` bytes of text. path: begins the error message; nothing is read from it.
+SGS_API sgs_status sgs_cameras_parse_json(const char *text, size_t size, const char *path,
+                                          sgs_named_camera **cameras, size_t *count);
+// Accepts NULL.
+SGS_API void sgs_cameras_free(sgs_named_camera *cameras);
 
 #ifdef __cplusplus
 }

@@ -21,6 +21,7 @@
 #include "base/threads.h"
 
 enum { RADIUS = 5, STRIP_ROWS = 16, WINDOW_ROWS = STRIP_ROWS + 2 * RADIUS, MOMENTS = 5 };
+enum { PIXELS_AT_ONCE = 1 << 16 }; // by one thread
 
 // -------------------------------------------------------------------------------------------------
 // Quantisation.
@@ -30,6 +31,7 @@ typedef struct quantise_job {
     const float *transmittance, *background;
     size_t plane;
     uint8_t *pixels;
+    bool encodes; // from linear light
 } quantise_job;
 
 // floor(clamp(255 v + 0.5, 0, 255)) in float; NaN becomes 0.
@@ -47,14 +49,17 @@ static void quantise_range(void *context, size_t begin, size_t end, int thread)
         const float background = job->background ? job->background[c] : 0.0f;
         const float *const color = job->color[c];
         uint8_t *const out = job->pixels + (size_t)c * job->plane;
-        for (size_t i = begin; i < end; ++i)
-            out[i] = quantise(job->transmittance ? color[i] + job->transmittance[i] * background
-                                                 : color[i]);
+        for (size_t i = begin; i < end; ++i) {
+            const float value =
+                job->transmittance ? color[i] + job->transmittance[i] * background : color[i];
+            out[i] = quantise(job->encodes ? sgs_srgb_encode(value) : value);
+        }
     }
 }
 
-sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
-                                  const float background[3], int width, int height, sgs_image8 *out)
+sgs_status sgs_image8_from_render(const float *const color[3], const float *transmittance,
+                                  const float background[3], sgs_space space, int width, int height,
+                                  sgs_image8 *out)
 {
     *out = (sgs_image8){0};
     if (width < 1 || height < 1 || !color || !color[0] || !color[1] || !color[2] ||
@@ -67,10 +72,62 @@ sgs_status sgs_image8_from_planes(const float *const color[3], const float *tran
     if (!pixels)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                          "not enough memory for an image of %d x %d pixels", width, height);
-    quantise_job job = {color, transmittance, background, plane, pixels};
-    sgsi_parallel_ranges(plane, 1 << 16, quantise_range, &job);
+    quantise_job job = {color, transmittance, background, plane, pixels, space == SGS_SPACE_LINEAR};
+    sgsi_parallel_ranges(plane, PIXELS_AT_ONCE, quantise_range, &job);
     *out = (sgs_image8){width, height, 3, pixels};
     return SGS_STATUS_OK;
+}
+
+sgs_status sgs_image8_from_planes(const float *const color[3], const float *transmittance,
+                                  const float background[3], int width, int height, sgs_image8 *out)
+{
+    return sgs_image8_from_render(color, transmittance, background, SGS_SPACE_SRGB, width, height,
+                                  out);
+}
+
+typedef struct flatten_job {
+    const sgs_photo *photo;
+    const float *background;
+    float *planes;
+} flatten_job;
+
+static void flatten_range(void *context, size_t begin, size_t end, int thread)
+{
+    (void)thread;
+    const flatten_job *job = context;
+    const sgs_photo *photo = job->photo;
+    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    for (size_t i = begin; i < end; ++i) {
+        const float alpha = photo->channels > 3 ? sgs_photo_value(photo, 3 * pixels + i) : 1.0f;
+        for (size_t c = 0; c < 3; ++c)
+            job->planes[c * pixels + i] = alpha * sgs_photo_value(photo, c * pixels + i) +
+                                          (1.0f - alpha) * job->background[c];
+    }
+}
+
+void sgs_photo_flatten(const sgs_photo *photo, const float background[3], float *planes)
+{
+    flatten_job job = {photo, background, planes};
+    sgsi_parallel_ranges((size_t)photo->width * (size_t)photo->height, PIXELS_AT_ONCE,
+                         flatten_range, &job);
+}
+
+sgs_status sgs_image8_from_photo(const sgs_photo *photo, const float background[3], sgs_space space,
+                                 sgs_image8 *out)
+{
+    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    float *planes = sgsi_alloc(3 * pixels, sizeof *planes);
+    *out = (sgs_image8){0};
+    if (!planes)
+        return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
+                         "not enough memory to compare a photo of %d x %d", photo->width,
+                         photo->height);
+    sgs_photo_flatten(photo, background, planes);
+    const float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
+    const sgs_status status =
+        sgs_image8_from_render(color, NULL, NULL, space, photo->width, photo->height, out);
+    sgsi_free(planes);
+    return status;
 }
 
 // -------------------------------------------------------------------------------------------------

@@ -625,6 +625,21 @@ void sgs_pose_orthonormalize(sgs_pose *pose)
         t[i] = -(r[3 * i] * center[0] + r[3 * i + 1] * center[1] + r[3 * i + 2] * center[2]);
 }
 
+sgs_status sgs_pose_from_axes(const double axes[9], const double center[3], sgs_pose *pose)
+{
+    for (int i = 0; i < 3; ++i) {
+        pose->translation[i] = 0;
+        for (int j = 0; j < 3; ++j) {
+            pose->rotation[3 * i + j] = axes[3 * j + i];
+            pose->translation[i] -= axes[3 * j + i] * center[j];
+        }
+    }
+    const sgs_status status = sgs_pose_validate(pose);
+    if (!status)
+        sgs_pose_orthonormalize(pose);
+    return status;
+}
+
 sgs_status sgs_pose_from_quaternion(const double qvec[4], const double tvec[3], sgs_pose *pose)
 {
     double largest = 0;

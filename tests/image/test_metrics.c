@@ -220,6 +220,68 @@ static void quantisation_composites_over_the_background(void **state)
     assert_null(image.pixels);
 }
 
+// Values of the sRGB curve (IEC 61966-2-1): 0.5 is 0.735357, 0.2 is 0.484529, 0.002 is 0.02584.
+static void compared_images_are_display_encoded(void **state)
+{
+    (void)state;
+    static const float light[5] = {0.5f, 0.2f, 0.002f, 0.0f, 4.0f};
+    static const uint8_t encoded[5] = {188, 124, 7, 0, 255}, as_given[5] = {128, 51, 1, 0, 255};
+    static const float black[3];
+    const float *const planes[3] = {light, light, light};
+    sgs_image8 image;
+    for (int linear = 0; linear < 2; ++linear) {
+        assert_int_equal(sgs_image8_from_render(planes, NULL, NULL,
+                                                linear ? SGS_SPACE_LINEAR : SGS_SPACE_SRGB, 5, 1,
+                                                &image),
+                         SGS_STATUS_OK);
+        for (int c = 0; c < 3; ++c)
+            assert_memory_equal(image.pixels + 5 * c, linear ? encoded : as_given, 5);
+        sgs_image8_free(&image);
+    }
+    uint16_t halves[6] = {0x3800, 0x4400, 0x3800, 0x4400, 0x3800, 0x4400}; // 0.5 and 4
+    const sgs_photo photo = {.width = 2, .height = 1, .channels = 3, .halves = halves};
+    assert_int_equal(sgs_image8_from_photo(&photo, black, SGS_SPACE_LINEAR, &image), SGS_STATUS_OK);
+    assert_memory_equal(image.pixels, ((const uint8_t[]){188, 255, 188, 255, 188, 255}), 6);
+    sgs_image8_free(&image);
+}
+
+// alpha c + (1 - alpha) background before the encoding; an opaque photo has the bits of its file.
+static void photos_are_compared_over_the_background(void **state)
+{
+    (void)state;
+    uint8_t pixels[4 * 256];
+    static const float background[3] = {1, 0, 0.2f};
+    sgs_photo photo = {.width = 256, .height = 1, .channels = 3, .pixels = pixels};
+    sgs_image8 image;
+    float flat[3 * 256];
+    for (int i = 0; i < 256; ++i) {
+        for (int c = 0; c < 3; ++c)
+            pixels[256 * c + i] = (uint8_t)(i ^ c);
+        pixels[3 * 256 + i] = i % 2 ? 255 : 51; // alpha 1 or 0.2
+    }
+    assert_int_equal(sgs_image8_from_photo(&photo, background, SGS_SPACE_SRGB, &image),
+                     SGS_STATUS_OK);
+    assert_memory_equal(image.pixels, pixels, sizeof pixels / 4 * 3);
+    sgs_image8_free(&image);
+    photo.channels = 4;
+    sgs_photo_flatten(&photo, background, flat);
+    assert_int_equal(sgs_image8_from_photo(&photo, background, SGS_SPACE_SRGB, &image),
+                     SGS_STATUS_OK);
+    for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < 256; ++i) {
+            const double alpha = i % 2 ? 1 : 0.2, value = pixels[256 * c + i] / 255.0,
+                         expected = alpha * value + (1 - alpha) * (double)background[c];
+            assert_true(fabs((double)flat[256 * c + i] - expected) <= 1e-6);
+            assert_true(fabs(image.pixels[256 * c + i] - 255 * expected) <= 0.5001);
+        }
+    sgs_image8_free(&image);
+    sgsi_fail_allocation(1);
+    assert_int_equal(sgs_image8_from_photo(&photo, background, SGS_SPACE_SRGB, &image),
+                     SGS_STATUS_OUT_OF_MEMORY);
+    sgsi_fail_allocation(0);
+    assert_null(image.pixels);
+}
+
 // Invalid pixels may be black without any effect; PSNR covers valid pixels only.
 static void masked_pixels_have_no_influence(void **state)
 {
@@ -270,6 +332,8 @@ int main(void)
         cmocka_unit_test(mismatched_images_have_no_metric),
         cmocka_unit_test(quantisation_rounds_like_the_papers),
         cmocka_unit_test(quantisation_composites_over_the_background),
+        cmocka_unit_test(compared_images_are_display_encoded),
+        cmocka_unit_test(photos_are_compared_over_the_background),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

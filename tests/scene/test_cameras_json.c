@@ -159,12 +159,134 @@ static void invalid_cameras_are_named_with_the_reason(void **state)
     temp_folder_remove(&folder);
 }
 
+static void the_reader_inverts_the_writer(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "cameras.json");
+    const sgs_view view = make_view("b/\xc3\xa9.jpg", SGS_SPLIT_TRAIN, 0.2);
+    const sgs_named_camera written[2] = {{view.name, view.camera, view.pose, 6},
+                                         {"a", sgs_camera_equirectangular(96, 48), view.pose, 0}};
+    sgs_named_camera *cameras;
+    size_t count;
+    assert_int_equal(sgs_cameras_write_json(written, 2, path), SGS_STATUS_OK);
+    assert_int_equal(sgs_cameras_read_json(path, &cameras, &count), SGS_STATUS_OK);
+    assert_int_equal(count, 2);
+    for (size_t k = 0; k < count; ++k) {
+        assert_string_equal(cameras[k].name, written[k].name);
+        assert_int_equal(cameras[k].orientation, written[k].orientation);
+        assert_int_equal(cameras[k].camera.model, written[k].camera.model);
+        assert_int_equal(cameras[k].camera.width, written[k].camera.width);
+        assert_int_equal(cameras[k].camera.height, written[k].camera.height);
+        for (int i = 0; i < 12; ++i)
+            assert_true(cameras[k].camera.params[i] == written[k].camera.params[i]);
+        for (int i = 0; i < 9; ++i)
+            assert_true(fabs(cameras[k].pose.rotation[i] - written[k].pose.rotation[i]) <= 1e-14);
+        for (int i = 0; i < 3; ++i)
+            assert_true(fabs(cameras[k].pose.translation[i] - written[k].pose.translation[i]) <=
+                        1e-12);
+    }
+    sgs_cameras_free(cameras);
+    sgs_cameras_free(NULL);
+    assert_int_equal(sgs_cameras_read_json(temp_path(&folder, "none"), &cameras, &count),
+                     SGS_STATUS_IO);
+    assert_null(cameras);
+    temp_folder_remove(&folder);
+}
+
+// As 3DGS writes it. The camera at (1, 2, 3) looks along +x of the world: its axes, the columns of
+// the rotation, are -y, -z and x.
+static const char original[] =
+    "{\"id\": 0, \"img_name\": \"0001\", \"width\": 640, \"height\": 480, "
+    "\"position\": [1.0, 2.0, 3.0], "
+    "\"rotation\": [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], "
+    "\"fy\": 500.5, \"fx\": 500.0}";
+
+static sgs_status parse(const char *text, sgs_named_camera **cameras, size_t *count)
+{
+    return sgs_cameras_parse_json(text, strlen(text), "x.json", cameras, count);
+}
+
+static void cameras_of_3dgs_are_pinholes(void **state)
+{
+    (void)state;
+    char text[1024];
+    sgs_named_camera *cameras;
+    size_t count;
+    assert_int_equal(parse("[]", &cameras, &count), SGS_STATUS_OK);
+    assert_int_equal(count, 0);
+    sgs_cameras_free(cameras);
+    snprintf(text, sizeof text, "[%s,{%s]", original, strstr(original, "\"width"));
+    assert_int_equal(parse(text, &cameras, &count), SGS_STATUS_OK);
+    assert_int_equal(count, 2);
+    assert_string_equal(cameras[0].name, "0001");
+    assert_null(cameras[1].name);
+    sgs_cameras_free(cameras);
+    assert_int_equal(parse(original, &cameras, &count), SGS_STATUS_OK); // without a list
+    assert_int_equal(count, 1);
+    const sgs_camera *camera = &cameras->camera;
+    assert_int_equal(camera->model, SGS_CAMERA_PINHOLE);
+    assert_true(camera->width == 640 && camera->height == 480 && camera->params[0] == 500 &&
+                camera->params[1] == 500.5 && camera->params[2] == 320 && camera->params[3] == 240);
+    // A point 10 ahead, 1 to the right and 2 down is (11, 1, 1).
+    const double point[3] = {11, 1, 1}, expected[3] = {1, 2, 10};
+    for (int i = 0; i < 3; ++i) {
+        double sum = cameras->pose.translation[i];
+        for (int j = 0; j < 3; ++j)
+            sum += cameras->pose.rotation[3 * i + j] * point[j];
+        assert_true(fabs(sum - expected[i]) <= 1e-12);
+    }
+    sgs_cameras_free(cameras);
+}
+
+static void invalid_files_are_refused(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *from, *to, *message;
+    } cases[] = {
+        {"{\"id\"", "[{\"id\"", "x.json: line 1: "},
+        {"\"id\": 0", "\"id\": 0, \"id\": 0", "x.json: line 1: duplicate object key"},
+        {"640", "\"640\"", "camera 0: width, height, fx and fy must be numbers"},
+        {"640", "0", "camera 0: width and height must be from 1 to 65536"},
+        {"1.0, 2.0, 3.0", "1.0, 2.0", "camera 0: position must be three numbers"},
+        {"1.0, 2.0, 3.0", "1.0, 2.0, 1e300", "camera 0: position is out of range"},
+        {"[-1.0, 0.0, 0.0]", "[-1.0, 0.0]", "rotation must be three rows of three numbers"},
+        {"[-1.0, 0.0, 0.0]", "[1.0, 0.0, 0.0]", "rotation is not a rotation matrix"},
+        {"[-1.0, 0.0, 0.0]", "[-1.01, 0.0, 0.0]", "rotation is not a rotation matrix"},
+        {"\"fx\": 500.0", "\"fx\": -500.0", "camera 0: "},
+        {"\"id\": 0", "\"camera_model\": \"X\"", "camera_model must be the name of a"},
+        {"\"id\": 0", "\"camera_model\": \"PINHOLE\"", "params must be the parameters of"},
+        {"\"id\": 0", "\"camera_model\": \"PINHOLE\", \"params\": [1, 1, 1, 1]",
+         "fx and fy must be those of params"},
+        {"\"id\": 0", "\"exif_orientation\": 9", "exif_orientation must be an integer from 1"},
+    };
+    sgs_named_camera *cameras;
+    size_t count;
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; ++k) {
+        char text[1024];
+        const char *at = strstr(original, cases[k].from);
+        snprintf(text, sizeof text, "%.*s%s%s", (int)(at - original), original, cases[k].to,
+                 at + strlen(cases[k].from));
+        assert_int_equal(parse(text, &cameras, &count), SGS_STATUS_FORMAT);
+        assert_true(!cameras && !count);
+        if (strncmp(sgs_last_error(), "x.json: ", 8) != 0 ||
+            !strstr(sgs_last_error(), cases[k].message))
+            fail_msg("'%s' is not '%s'", sgs_last_error(), cases[k].message);
+    }
+    assert_int_equal(parse("[1]", &cameras, &count), SGS_STATUS_FORMAT);
+    assert_int_equal(parse("", &cameras, &count), SGS_STATUS_FORMAT);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cameras_json_matches_3dgs),
         cmocka_unit_test(cameras_json_write_failure_keeps_the_old_file),
         cmocka_unit_test(invalid_cameras_are_named_with_the_reason),
+        cmocka_unit_test(the_reader_inverts_the_writer),
+        cmocka_unit_test(cameras_of_3dgs_are_pinholes),
+        cmocka_unit_test(invalid_files_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,11 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-// cameras.json as 3DGS writes it: position is the camera centre in world space, rotation the
-// camera-to-world axes, so the pose is rotation^T and -rotation^T position. A rotation that is not
-// orthonormal to 1e-3 is rejected; others are replaced by the nearest exact one. Our own files also
-// have cx, cy, camera_model, params and exif_orientation; without them the principal point is the
-// image centre, and the camera a pinhole.
+// cameras.json as sgs_cameras_read_json reads it.
 //
 // A nerfstudio camera path stores camera_to_world per frame (row-major, OpenGL camera axes), the
 // vertical field of view in degrees, and the size and projection of all frames.
@@ -23,18 +19,6 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 
-void camera_pose(const double rotation[9], const double position[3], sgs_pose *pose)
-{
-    for (int i = 0; i < 3; ++i) {
-        pose->translation[i] = 0;
-        for (int j = 0; j < 3; ++j) {
-            pose->rotation[3 * i + j] = rotation[3 * j + i];
-            pose->translation[i] -= rotation[3 * j + i] * position[j];
-        }
-    }
-    sgs_pose_orthonormalize(pose);
-}
-
 sgs_camera camera_pinhole(int width, int height, double fov)
 {
     const double focal = 0.5 * height / tan(fov * 3.141592653589793 / 360);
@@ -48,108 +32,29 @@ static bool read_number(const json_t *value, double *number)
     return json_is_number(value) && isfinite(*number);
 }
 
-static bool is_rotation(const double r[9])
-{
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-            const double dot = r[i] * r[j] + r[3 + i] * r[3 + j] + r[6 + i] * r[6 + j];
-            if (!(fabs(dot - (i == j)) < 1e-3))
-                return false;
-        }
-    return r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
-               r[2] * (r[3] * r[7] - r[4] * r[6]) >
-           0;
-}
-
-// The members camera_model and params, which 3DGS does not write. Without them the camera is a
-// pinhole. Returns NULL, or a description of the error.
-static const char *read_lens(const json_t *entry, sgs_camera *camera)
-{
-    const json_t *model = json_object_get(entry, "camera_model"),
-                 *params = json_object_get(entry, "params");
-    if (!model)
-        return NULL;
-    const char *name = json_string_value(model);
-    sgs_camera_model named = SGS_CAMERA_EQUIRECTANGULAR; // not a model of COLMAP
-    if (!name ||
-        (strcmp(name, sgs_camera_model_name(named)) && !sgs_camera_model_from_name(name, &named)))
-        return "camera_model must be the name of a camera model of COLMAP, or EQUIRECTANGULAR";
-    const sgs_camera pinhole = *camera;
-    camera->model = named;
-    const size_t count = (size_t)sgs_camera_param_count(camera->model);
-    memset(camera->params, 0, sizeof camera->params);
-    bool complete = json_array_size(params) == count;
-    for (size_t k = 0; k < count && complete; ++k)
-        complete = read_number(json_array_get(params, k), &camera->params[k]);
-    if (!complete)
-        return "params must be the parameters of camera_model";
-    double fx, fy, cx, cy;
-    sgs_camera_intrinsics(camera, &fx, &fy, &cx, &cy);
-    if (!(fabs(fx - pinhole.params[0]) <= 1e-6 * fx && fabs(fy - pinhole.params[1]) <= 1e-6 * fy))
-        return "fx and fy must be those of params";
-    // cx and cy, where given, count, so that they can be changed alone.
-    const bool has_cx = json_object_get(entry, "cx"), has_cy = json_object_get(entry, "cy");
-    *camera = sgs_camera_shifted(camera, has_cx ? pinhole.params[2] - cx : 0,
-                                 has_cy ? pinhole.params[3] - cy : 0);
-    return NULL;
-}
-
-// Reads one entry. Returns NULL, or a description of the error.
-static const char *read_camera(const json_t *entry, named_camera *camera)
-{
-    double width, height, fx, fy, cx, cy, position[3], rotation[9];
-    if (!read_number(json_object_get(entry, "width"), &width) ||
-        !read_number(json_object_get(entry, "height"), &height) ||
-        !read_number(json_object_get(entry, "fx"), &fx) ||
-        !read_number(json_object_get(entry, "fy"), &fy))
-        return "width, height, fx and fy must be numbers";
-    if (!(width >= 1 && width <= 65536 && height >= 1 && height <= 65536))
-        return "width and height must be from 1 to 65536";
-    if (!read_number(json_object_get(entry, "cx"), &cx))
-        cx = width / 2;
-    if (!read_number(json_object_get(entry, "cy"), &cy))
-        cy = height / 2;
-    for (size_t i = 0; i < 3; ++i) {
-        if (!read_number(json_array_get(json_object_get(entry, "position"), i), &position[i]))
-            return "position must be three numbers";
-        for (size_t j = 0; j < 3; ++j)
-            if (!read_number(
-                    json_array_get(json_array_get(json_object_get(entry, "rotation"), i), j),
-                    &rotation[3 * i + j]))
-                return "rotation must be three rows of three numbers";
-    }
-    if (!is_rotation(rotation))
-        return "rotation is not a rotation matrix";
-    camera->camera = (sgs_camera){SGS_CAMERA_PINHOLE, (int)width, (int)height, {fx, fy, cx, cy}};
-    const char *problem = read_lens(entry, &camera->camera);
-    if (problem)
-        return problem;
-    camera->file_camera = camera->camera;
-    camera_pose(rotation, position, &camera->pose);
-    const json_t *orientation = json_object_get(entry, "exif_orientation");
-    const json_int_t held = json_integer_value(orientation); // 0 without one
-    if (orientation && !(held >= 1 && held <= 8))
-        return "exif_orientation must be an integer from 1 to 8";
-    camera->orientation = (int)held;
-    return sgs_camera_validate(&camera->camera) ? sgs_last_error() : NULL;
-}
-
+// Reads the cameras of a cameras.json.
 static bool read_all(const char *path, const json_t *root, camera_list *list)
 {
-    named_camera *const cameras = list->cameras;
-    for (size_t i = 0; i < list->count; ++i) {
-        const json_t *entry = json_is_array(root) ? json_array_get(root, i) : root;
-        const char *problem = read_camera(entry, &cameras[i]);
-        if (problem) {
-            fail_run("%s: camera %zu: %s", path, i, problem);
-            return false;
-        }
-        const char *name = json_string_value(json_object_get(entry, "img_name"));
-        cameras[i].name =
-            name ? format_text("%s", name) : format_text("camera_%zu", (size_t)list->first + i);
+    char *text = json_dumps(root, JSON_REAL_PRECISION(17));
+    sgs_named_camera *read = NULL;
+    size_t count = 0;
+    const bool done = text && !sgs_cameras_parse_json(text, strlen(text), path, &read, &count);
+    if (!done)
+        fail_run("%s", text ? sgs_last_error() : "out of memory");
+    for (size_t i = 0; i < count && i < list->count; ++i) {
+        const char *name = read[i].name;
+        list->cameras[i] =
+            (named_camera){.name = name ? format_text("%s", name)
+                                        : format_text("camera_%zu", (size_t)list->first + i),
+                           .camera = read[i].camera,
+                           .file_camera = read[i].camera,
+                           .pose = read[i].pose,
+                           .orientation = read[i].orientation};
         list->is_numbered = list->is_numbered || !name;
     }
-    return true;
+    sgs_cameras_free(read);
+    free(text);
+    return done;
 }
 
 // ---- nerfstudio's camera paths ----
@@ -193,13 +98,11 @@ static const char *path_pose(const json_t *matrix, sgs_pose *pose)
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j)
             rotation[3 * i + j] = m[4 * i + j] / scale * (j ? -1 : 1);
-    if (!(scale > 0) || !is_rotation(rotation))
+    if (!(scale > 0) || sgs_pose_from_axes(rotation, (double[]){0, 0, 0}, pose))
         return "camera_to_world is not a rotation and a translation";
-    camera_pose(rotation, (double[]){m[3], m[7], m[11]}, pose);
-    for (int i = 0; i < 3; ++i)
-        if (!isfinite(pose->translation[i]))
-            return "camera_to_world is out of range";
-    return NULL;
+    return sgs_pose_from_axes(rotation, (double[]){m[3], m[7], m[11]}, pose)
+               ? "camera_to_world is out of range"
+               : NULL;
 }
 
 const char *camera_path_frame(const json_t *frame, const char *type, int width, int height,

@@ -49,8 +49,6 @@ void camera_list_free(camera_list *list);
 // perspective, fisheye or equirectangular. Returns NULL, or a description of the error.
 const char *camera_path_frame(const json_t *frame, const char *type, int width, int height,
                               sgs_camera *camera, sgs_pose *pose);
-// The pose of a camera at `position`, from its camera-to-world rotation (row-major).
-void camera_pose(const double rotation[9], const double position[3], sgs_pose *pose);
 // A pinhole with the vertical field of view `fov` in degrees, 0 to 179, and the principal point in
 // the image centre.
 sgs_camera camera_pinhole(int width, int height, double fov);

@@ -41,7 +41,8 @@ static int read_columns(const char *line, double columns[COLUMNS])
     return count;
 }
 
-static void read_pose(const double columns[COLUMNS], sgs_pose *pose)
+// False if the translation is out of range.
+static bool read_pose(const double columns[COLUMNS], sgs_pose *pose)
 {
     const double degree = acos(-1) / 180, x = columns[ANGLES] * degree,
                  y = columns[ANGLES + 1] * degree, z = columns[ANGLES + 2] * degree;
@@ -55,7 +56,7 @@ static void read_pose(const double columns[COLUMNS], sgs_pose *pose)
                                 -sin(y) * cos(z) + cos(y) * sin(x) * sin(z),
                                 -sin(y) * sin(z) - cos(y) * sin(x) * cos(z),
                                 -cos(y) * cos(x)};
-    camera_pose(rotation, columns + POSITION, pose);
+    return !sgs_pose_from_axes(rotation, columns + POSITION, pose);
 }
 
 // Returns NULL, or a description of the error.
@@ -72,9 +73,7 @@ static const char *read_camera(const char *line, int width, int height, named_ca
     if (!(columns[FIELD_OF_VIEW] > 0 && columns[FIELD_OF_VIEW] < 179))
         return "must end with a field of view between 0 and 179 degrees";
     camera->camera = camera_pinhole(width, height, columns[FIELD_OF_VIEW]);
-    read_pose(columns, &camera->pose);
-    const double *t = camera->pose.translation;
-    if (!(isfinite(t[0]) && isfinite(t[1]) && isfinite(t[2])))
+    if (!read_pose(columns, &camera->pose))
         return "has a translation that is out of range";
     if (sgs_camera_validate(&camera->camera))
         return sgs_last_error();

@@ -78,15 +78,6 @@ bool evaluate_lpips(const char *path, const sgs_scene *scene, sgs_lpips **lpips)
     return true;
 }
 
-// photo_flatten, or NULL after printing the error.
-static float *flatten_photo(const sgs_photo *photo, const float background[3])
-{
-    float *planes = photo_flatten(photo, background);
-    if (!planes)
-        fail_run("not enough memory to compare a photo of %d x %d", photo->width, photo->height);
-    return planes;
-}
-
 // Makes the frame that of a view; renderings fill all of it.
 static sgs_status prepare_frame(evaluator *evaluation, const sgs_view *view)
 {
@@ -107,11 +98,14 @@ static bool draw(evaluator *evaluation, const sgs_view *view)
     return false;
 }
 
-// planes_quantise, or false after printing the error.
-static bool quantise(const evaluator *evaluation, float *const color[3], int width, int height,
-                     sgs_image8 *out)
+// The images that are compared. False after printing the error.
+static bool quantise(const evaluator *evaluation, const sgs_photo *photo, view_images *compared)
 {
-    if (!planes_quantise(color, evaluation->scene->space, width, height, out))
+    const sgs_frame *frame = &evaluation->frame;
+    const sgs_space space = evaluation->scene->space;
+    if (!sgs_image8_from_photo(photo, evaluation->background, space, &compared->photo) &&
+        !sgs_image8_from_render((const float *const *)frame->color, NULL, NULL, space, frame->width,
+                                frame->height, &compared->drawn))
         return true;
     fail_library();
     return false;
@@ -121,10 +115,13 @@ static bool quantise(const evaluator *evaluation, float *const color[3], int wid
 static bool fit_exposure(const sgs_frame *frame, const float *transmittance, const sgs_photo *photo,
                          const float background[3], double map[12])
 {
-    float *planes = flatten_photo(photo, background);
-    if (!planes)
-        return false;
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    float *planes = malloc(3 * pixels * sizeof *planes);
+    if (!planes) {
+        fail_run("not enough memory to compare a photo of %d x %d", photo->width, photo->height);
+        return false;
+    }
+    sgs_photo_flatten(photo, background, planes);
     float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
     exposure_fit(frame->color, transmittance, color, photo->valid_mask, frame->width, frame->height,
                  map);
@@ -208,17 +205,8 @@ static bool score_frame(evaluator *evaluation, const sgs_view *view, view_score 
         !sgs_scene_photo(evaluation->scene, (size_t)(view - evaluation->scene->views), &source);
     if (!done)
         fail_library();
-    float *planes = done ? flatten_photo(source, evaluation->background) : NULL;
-    if (planes) {
-        const size_t pixels = (size_t)source->width * (size_t)source->height;
-        float *const color[3] = {planes, planes + pixels, planes + 2 * pixels};
-        done = expose(evaluation, view, source, frame, &half) &&
-               quantise(evaluation, color, source->width, source->height, &compared.photo) &&
-               quantise(evaluation, frame->color, frame->width, frame->height, &compared.drawn);
-    }
-    done = done && planes;
-    free(planes);
-    done = done &&
+    done = done && expose(evaluation, view, source, frame, &half) &&
+           quantise(evaluation, source, &compared) &&
            compare(evaluation, &compared, half ? half : source->valid_mask, images != NULL, score);
     free(half);
     if (!done || !images)

@@ -3,9 +3,7 @@
 
 #include "viewer/photo_picture.h"
 
-#include <stdlib.h>
-
-#include "run/display_planes.h"
+#include "sparegs/metrics.h"
 
 enum { QUALITY = 88, SIDE_THUMBNAIL = 160, SIDE_WHOLE = 4096 };
 
@@ -45,13 +43,8 @@ static bool read_displayed(const sgs_scene *scene, size_t index, const float bac
     size_of(scene, index, use, &width, &height);
     if (sgs_scene_photo_read(scene, index, width, height, &photo))
         return false;
-    float *planes = photo_flatten(&photo, background);
+    const bool done = !sgs_image8_from_photo(&photo, background, scene->space, out);
     sgs_photo_free(&photo);
-    const size_t pixels = (size_t)width * (size_t)height;
-    float *const color[3] = {planes, planes ? planes + pixels : NULL,
-                             planes ? planes + 2 * pixels : NULL};
-    const bool done = planes && !planes_quantise(color, scene->space, width, height, out);
-    free(planes);
     return done;
 }
 

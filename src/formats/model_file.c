@@ -17,7 +17,6 @@
 #include "formats/color_marks.h"
 #include "formats/model_format.h"
 #include "formats/model_rows.h"
-#include "formats/sog.h"
 #include "model/finite_model.h"
 #include "model/sh_degree.h"
 

@@ -11,8 +11,8 @@
 #include <sys/stat.h>
 
 #include "cli/json_output.h"
-#include "cli/options.h"
 #include "cli/standard_output.h"
+#include "cli/usage_error.h"
 
 static json_t *result;
 static char error_message[2048];

@@ -23,12 +23,6 @@
 
 enum { HELP_INDENT = 30, HELP_WIDTH = 100, MAX_NEEDS = 200 };
 
-void key_to_name(char *text)
-{
-    for (char *dash = text; (dash = strchr(dash, '_'));)
-        *dash = '-';
-}
-
 // ---- Help ----
 
 // Prints text wrapped at HELP_WIDTH, with further lines indented; the cursor is at column `indent`.

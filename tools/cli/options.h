@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "cli/option_key.h"
 #include "cli/usage_error.h"
 
 // The argument of an option, and the type of its value.
@@ -111,9 +112,6 @@ bool option_is_listed(const option_group *group, const option *row);
 
 // The row of an option; NULL if the command has no such option.
 const option *find_option(const command_line *line, const char *name);
-
-// Turns the key of an option in JSON, "spare_grid", into its name, "spare-grid".
-void key_to_name(char *text);
 
 // The index of a word in "a|b|c"; -1 if it is NULL or not in the list.
 int find_word(const char *words, const char *word);

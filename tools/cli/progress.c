@@ -19,8 +19,9 @@
 #include <unistd.h>
 
 #include "cli/json_result.h"
-#include "cli/options.h"
+#include "cli/option_key.h"
 #include "cli/standard_output.h"
+#include "cli/usage_error.h"
 #include "sparegs/runtime.h"
 #include "sparegs/status.h"
 #include "sparegs/option_descriptors.h"

@@ -15,7 +15,6 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/rank_cores.h"
-#include "cli/shared_options.h"
 #include "sparegs/runtime.h"
 
 static sgs_ranks *ranks;

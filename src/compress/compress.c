@@ -11,8 +11,8 @@
 #include <string.h>
 
 #include "compress/compress_method.h"
-#include "formats/color_marks.h"
-#include "formats/model_rows.h"
+#include "storage/color_marks.h"
+#include "storage/model_rows.h"
 #include "model/finite_model.h"
 #include "model/opacity.h"
 #include "model/sh_degree.h"

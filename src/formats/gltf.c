@@ -9,15 +9,15 @@
 // Values may be float, or normalised bytes and shorts. Other contents of the scene may have any
 // transform.
 
-#include "formats/model_format.h"
+#include "storage/model_format.h"
 
 #include <jansson.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/core.h"
-#include "formats/color_marks.h"
-#include "formats/model_rows.h"
+#include "storage/color_marks.h"
+#include "storage/model_rows.h"
 #include "model/affine.h"
 #include "sparegs/output_file.h"
 #include "sparegs/version.h"

@@ -10,13 +10,13 @@
 // degree, then channel. The original supports degrees 0 to 2; other readers accept 3 too, but 2 are
 // written.
 
-#include "formats/model_format.h"
+#include "storage/model_format.h"
 
 #include <string.h>
 
 #include "base/core.h"
 #include "base/keyed_rows.h"
-#include "formats/model_rows.h"
+#include "storage/model_rows.h"
 #include "sparegs/output_file.h"
 
 enum {

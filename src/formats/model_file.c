@@ -14,9 +14,9 @@
 
 #include "base/base_name.h"
 #include "base/core.h"
-#include "formats/color_marks.h"
-#include "formats/model_format.h"
-#include "formats/model_rows.h"
+#include "storage/color_marks.h"
+#include "storage/model_format.h"
+#include "storage/model_rows.h"
 #include "model/finite_model.h"
 #include "model/sh_degree.h"
 

@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #include "base/core.h"
-#include "formats/color_marks.h"
+#include "storage/color_marks.h"
 #include "sparegs/model_file.h"
 
 enum { MAX_PATH = 4096, MAX_ITERATIONS = 1000000000 };

@@ -8,14 +8,14 @@
 // The rotation (w, x, y, z) is 128 q + 128. Writers sort by decreasing opacity times volume, so
 // that a viewer can show the most important primitives of an incomplete file.
 
-#include "formats/model_format.h"
+#include "storage/model_format.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/core.h"
-#include "formats/model_rows.h"
-#include "formats/row_order.h"
+#include "storage/model_rows.h"
+#include "storage/row_order.h"
 #include "sparegs/output_file.h"
 
 enum { SPLAT_BYTES = 32 };

@@ -21,14 +21,14 @@
 // Zstandard, a trained model 0.1. A model beyond the bound is written stored, or, in version 4,
 // with an extension record of zeros: the frames must end with the file.
 
-#include "formats/model_format.h"
+#include "storage/model_format.h"
 
 #include <string.h>
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "formats/model_rows.h"
-#include "formats/unpack.h"
+#include "storage/model_rows.h"
+#include "storage/unpack.h"
 #include "model/similarity.h"
 #include "sparegs/output_file.h"
 

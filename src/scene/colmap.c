@@ -21,7 +21,7 @@
 
 #include "base/core.h"
 #include "base/plain_numbers.h"
-#include "formats/point_cloud.h"
+#include "ply/point_cloud.h"
 
 enum {
     MAX_SIZE = 65536,

@@ -12,7 +12,7 @@
 #include "base/core.h"
 #include "base/progress_calls.h"
 #include "base/threads.h"
-#include "formats/model_rows.h"
+#include "storage/model_rows.h"
 #include "image/half.h"
 #include "image/mask.h"
 #include "image/photo.h"

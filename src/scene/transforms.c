@@ -24,7 +24,7 @@
 #include "base/core.h"
 #include "base/path_sandbox.h"
 #include "base/plain_numbers.h"
-#include "formats/point_cloud.h"
+#include "ply/point_cloud.h"
 #include "rays/rotation.h"
 #include "scene/transforms_lens.h"
 

@@ -11,7 +11,7 @@
 #include "base/core.h"
 #include "base/row_groups.h"
 #include "cluster/row_streams.h"
-#include "formats/ply_parts.h"
+#include "ply/ply_parts.h"
 #include "train/train_view.h"
 #include "train/view_ranks.h"
 

@@ -9,7 +9,7 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "cluster/row_streams.h"
-#include "formats/ply_parts.h"
+#include "ply/ply_parts.h"
 #include "model/filter_3d.h"
 #include "model/model_hash.h"
 #include "train/trainer_state.h"

@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-#include "formats/unpack.h"
+#include "storage/unpack.h"
 #include "support/bad_input.h"
 #include "support/files_support.h"
 #include "support/model_support.h"

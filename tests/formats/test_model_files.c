@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-#include "formats/model_folder.h"
+#include "storage/model_folder.h"
 #include "support/files_support.h"
 #include "support/locale_support.h"
 #include "support/model_support.h"

@@ -13,9 +13,9 @@
 #include <cmocka.h>
 
 #include "base/core.h"
-#include "formats/archive.h"
-#include "formats/unpack.h"
-#include "formats/webp_image.h"
+#include "storage/archive.h"
+#include "storage/unpack.h"
+#include "sog/webp_image.h"
 #include "support/files_support.h"
 #include "support/model_bytes.h"
 #include "support/model_support.h"

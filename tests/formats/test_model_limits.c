@@ -16,9 +16,9 @@
 #include <jansson.h>
 #include <time.h>
 
-#include "formats/model_rows.h"
-#include "formats/sog.h"
-#include "formats/unpack.h"
+#include "storage/model_rows.h"
+#include "sog/sog.h"
+#include "storage/unpack.h"
 #include "support/bad_input.h"
 #include "support/files_support.h"
 #include "support/model_support.h"

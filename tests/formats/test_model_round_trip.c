@@ -13,7 +13,7 @@
 #include <cmocka.h>
 
 #include "base/sh.h"
-#include "formats/palette.h"
+#include "sog/palette.h"
 #include "support/files_support.h"
 #include "support/model_support.h"
 #include "sparegs/model_file.h"

@@ -12,8 +12,8 @@
 
 #include <cmocka.h>
 
-#include "formats/model_format.h"
-#include "formats/unpack.h"
+#include "storage/model_format.h"
+#include "storage/unpack.h"
 #include "support/model_bytes.h"
 #include "support/warning_support.h"
 

@@ -5,7 +5,7 @@
 // gives the same points.
 
 #include "fuzz_support.h"
-#include "formats/point_cloud.h"
+#include "ply/point_cloud.h"
 #include "sparegs/gaussians.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

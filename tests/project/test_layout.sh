@@ -18,8 +18,13 @@ fail() {
 # Folder of src/ -> the folders it may include besides itself, base, simd and public headers.
 declare -A src_may=(
     [base]="" [simd]="" [rays]="" [image]="" [model]=""
-    [formats]="model"
-    [scene]="rays image model formats"
+    [storage]="model"
+    [ply]="model storage"
+    [sog]="storage"
+    [usd]="model storage"
+    [web_page]="storage sog"
+    [formats]="model storage ply sog usd web_page"
+    [scene]="rays image model storage ply"
     [loss]="image"
     [reference]="rays"
     [trace]="rays model bvh"
@@ -27,10 +32,10 @@ declare -A src_may=(
     [render]="rays model trace optimize"
     [density]="model spare"
     [cluster]=""
-    [train]="rays image model formats scene loss reference trace optimize density cluster bvh spare"
+    [train]="rays image model ply scene loss reference trace optimize density cluster bvh spare"
     [prune]="rays model trace"
-    [compress]="model formats trace scene image loss optimize prune"
-    [measure]="rays image model formats scene loss reference trace optimize density train bvh spare"
+    [compress]="model storage trace scene image loss optimize prune"
+    [measure]="rays image model scene loss reference trace optimize density train bvh spare"
 )
 # Folder of tools/ -> the folders it may include besides itself and public headers.
 declare -A tools_may=(

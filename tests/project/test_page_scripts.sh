@@ -6,7 +6,7 @@
 # Needs no browser; test_view_browser_long operates the pages.
 set -euo pipefail
 cd "$SPAREGS_SOURCE"
-python3 - src/formats/web_page.js <(cat tools/viewer/page_*.js) <<'CHECK'
+python3 - src/web_page/web_page.js <(cat tools/viewer/page_*.js) <<'CHECK'
 import re
 import sys
 

@@ -125,7 +125,7 @@ function standalonePage(given) {
   const page = new Page('file:///page.html');
   page.element('model').textContent = JSON.stringify({name: 'model', meta: {count: given.count || 0, means: {}}, cameras: [], up: [0, 0, 0], files: {},
     linear: false, ...given});
-  const whole = text('src/formats/web_page.js');
+  const whole = text('src/web_page/web_page.js');
   const begin = whole.indexOf('(() => {\n') + 9, end = whole.lastIndexOf('})();');
   page.load(`'use strict';\n${whole.slice(begin, end)}`, 'web_page');
   return page;

@@ -25,5 +25,5 @@ echo "everything:"
 report --filter 'src/|bvh/|spare/|tools/' --print-summary --html-details "$build/html/index.html" |
     grep -E '^lines'
 echo "readers, checkpoint, spare/:"
-report --filter 'src/(scene|formats)/' --filter 'src/image/(image|image_oiio|oiio_color|photo|mask)\.(c|cpp)$' \
+report --filter 'src/(scene|storage|ply|sog|usd|web_page|formats)/' --filter 'src/image/(image|image_oiio|oiio_color|photo|mask)\.(c|cpp)$' \
     --filter 'src/.*/(sections|checkpoint|checkpoint_options)\.c$' --filter 'spare/.*\.c$' --filter 'tools/cameras/camera_file\.c$' --fail-under-line "$minimum"

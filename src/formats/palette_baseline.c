@@ -1,9 +1,0 @@
-// SPDX-FileCopyrightText: 2026 The sparegs authors
-// SPDX-License-Identifier: Apache-2.0
-
-// The kernel of k-means in portable C.
-
-#define SGSI_ISA 0
-#include "simd/simd.h"
-
-#include "formats/palette_kernels.inl"

@@ -15,8 +15,8 @@
 #include <signal.h>
 #include <stdlib.h>
 
-#include "cli/child_process.h"
-#include "cli/sub_command.h"
+#include "processes/child_process.h"
+#include "processes/sub_command.h"
 #include "draw/video.h"
 #include "support/files_support.h"
 

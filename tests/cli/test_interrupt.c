@@ -14,7 +14,7 @@
 
 #include <cmocka.h>
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 
 // FOLLOW + n: another process of the run has received signal n. REQUEST: the program stops itself.
 enum { REQUEST = -2000, FOLLOW = -1000, END = 0, WORK_COMPLETE = 7, MAX_STEPS = 5 };

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <cmocka.h>
 
-#include "cli/rank_cores.h"
+#include "processes/rank_cores.h"
 
 // The advice has this text; NULL: there is none.
 static void advises(rank_cores cores, const char *text)

@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-#include "cli/model_path.h"
+#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "run/region_file.h"
 #include "run/run_record.h"

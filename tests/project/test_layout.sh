@@ -40,14 +40,17 @@ declare -A src_may=(
 # Folder of tools/ -> the folders it may include besides itself and public headers.
 declare -A tools_may=(
     [cli]=""
-    [cameras]="cli"
-    [plan]="cli"
-    [run]="cli"
-    [blocks]="run cli"
-    [draw]="run cameras cli"
+    [options]="cli"
+    [processes]="options cli"
+    [arguments]="processes options cli"
+    [cameras]="arguments options cli"
+    [plan]="processes options cli"
+    [run]="arguments processes options cli"
+    [blocks]="run arguments processes cli"
+    [draw]="run cameras arguments processes options cli"
     [report]="draw run cameras cli"
-    [viewer]="draw run cameras cli"
-    [commands]="viewer report draw blocks run plan cameras cli"
+    [viewer]="draw run cameras arguments processes cli"
+    [commands]="viewer report draw blocks run plan cameras arguments processes options cli"
 )
 # Folders of tools/ without C sources, and of tests/ that mirror no folder of src/.
 tools_other=" bench examples experiments manual package scripts "
@@ -80,7 +83,7 @@ for name in "${!tools_may[@]}"; do
     files=(tools/"$name"/*.[ch])
     [ ${#files[@]} -gt 0 ] || fail "tools/$name has no file"
 done
-for file in src/*/*/* bvh/*/* spare/*/* include/sparegs/*/* tools/{cli,cameras,run,draw,report,viewer,commands}/*/* tests/*.c tests/*.sh; do
+for file in src/*/*/* bvh/*/* spare/*/* include/sparegs/*/* tools/{cli,options,processes,arguments,cameras,run,draw,report,viewer,commands}/*/* tests/*.c tests/*.sh; do
     fail "$file is not in a folder of the tables"
 done
 for folder in tests/*/; do

@@ -10,7 +10,7 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/progress.h"
 

@@ -12,10 +12,10 @@
 #include "cameras/lens_scale.h"
 #include "cameras/usd_camera_file.h"
 #include "cli/file_stems.h"
-#include "cli/options.h"
+#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 
 static bool parse_number(const char **at, int low, int high, int *value)
 {

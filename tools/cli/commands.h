@@ -5,7 +5,7 @@
 // The commands of the program. Each takes argv starting with its own name and returns the exit
 // status.
 
-struct option; // cli/options.h
+struct option; // options/options.h
 
 int command_train(int argc, char **argv);
 int command_split(int argc, char **argv);

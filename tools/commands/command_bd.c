@@ -16,7 +16,7 @@
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "report/bd_doubt.h"
 #include "sparegs/rate_distortion.h"
 

@@ -12,12 +12,12 @@
 
 #include "cameras/camera_file.h"
 #include "cli/commands.h"
-#include "cli/interrupt.h"
-#include "cli/model_argument.h"
-#include "cli/model_path.h"
+#include "processes/interrupt.h"
+#include "arguments/model_argument.h"
+#include "arguments/model_path.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "report/bench_report.h"
 
 static const char description[] =

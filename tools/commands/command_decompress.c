@@ -6,14 +6,14 @@
 #include <stdlib.h>
 
 #include "cli/commands.h"
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_result.h"
 #include "cli/json_output.h"
-#include "cli/model_argument.h"
+#include "arguments/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "sparegs/compress.h"
 
 static const char description[] =

@@ -9,11 +9,11 @@
 #include <string.h>
 
 #include "cli/commands.h"
-#include "cli/options.h"
+#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "run/region_file.h"
 #include "run/region_json.h"
 

@@ -12,12 +12,12 @@
 
 #include "cli/commands.h"
 #include "cli/json_output.h"
-#include "cli/model_path.h"
-#include "cli/model_reader.h"
+#include "arguments/model_path.h"
+#include "arguments/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "cli/value_order.h"
 #include "sparegs/model_file.h"
 

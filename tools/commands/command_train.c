@@ -11,13 +11,13 @@
 #include <string.h>
 
 #include "cli/commands.h"
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "cli/reported_files.h"
-#include "cli/train_record.h"
+#include "arguments/train_record.h"
 #include "commands/training.h"
 #include "run/checkpoint_pace.h"
 #include "run/evaluate_saved.h"

@@ -5,7 +5,7 @@
 
 #include <stddef.h>
 
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "draw/aov_list.h"
 
 #define AT(member) offsetof(render_values, member)

@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 
 typedef struct render_values {
     const char *output, *view, *camera, *run;

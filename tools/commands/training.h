@@ -9,9 +9,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "cli/options.h"
-#include "cli/shared_options.h"
-#include "cli/train_options.h"
+#include "options/options.h"
+#include "arguments/shared_options.h"
+#include "arguments/train_options.h"
 #include "blocks/block_plan.h"
 #include "run/evaluate.h"
 #include "run/rank_clock.h"

@@ -9,11 +9,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/model_argument.h"
-#include "cli/model_path.h"
+#include "arguments/model_argument.h"
+#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "cli/resolved_path.h"
 #include "cli/run_files.h"
 #include "commands/training.h"

@@ -7,12 +7,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "cli/reported_files.h"
 #include "report/scaling_report.h"
 #include "run/memory_check.h"

@@ -6,10 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/scene_files.h"
+#include "arguments/scene_files.h"
 #include "draw/frame_files.h"
 
 static const char advice[] = "choose another folder";

@@ -9,9 +9,9 @@
 
 #include "cameras/lens_samples.h"
 #include "cameras/lens_scale.h"
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "cli/reported_files.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"

@@ -5,10 +5,10 @@
 // Renders views (with the tracer or by brute force), writes their files and appends them to a
 // video. A view is written while the next one is rendered.
 
-#include "cli/async_task.h"
+#include "processes/async_task.h"
 #include "cameras/camera_file.h"
 #include "draw/frame_files.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "draw/video.h"
 
 typedef struct view_options {

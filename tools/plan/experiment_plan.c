@@ -24,7 +24,7 @@
 #include "cli/commands.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
-#include "cli/options.h"
+#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "plan/plan_values.h"

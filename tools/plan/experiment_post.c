@@ -9,14 +9,14 @@
 #include <unistd.h>
 
 #include "cli/commands.h"
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
 #include "cli/json_result.h"
-#include "cli/options.h"
+#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/sub_command.h"
+#include "processes/sub_command.h"
 #include "plan/plan_values.h"
 #include "plan/run_settings.h"
 #include "sparegs/compress.h"

@@ -8,7 +8,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 
 // The path, seen from the working folder. Release with free().
 char *plan_path_resolve(const char *plan, const char *path);

@@ -12,10 +12,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "run/display_planes.h"
 #include "run/exposure_file.h"
 

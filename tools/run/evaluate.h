@@ -7,7 +7,7 @@
 
 #include <jansson.h>
 
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "sparegs/metrics.h"
 #include "sparegs/rank_renderer.h"
 

@@ -8,7 +8,7 @@
 
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "run/exposure_file.h"
 
 // The colour maps that rank 0 reads.

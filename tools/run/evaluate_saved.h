@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// Evaluation of the model that a training run saved, on all ranks (cli/rank_group.h); only rank 0
+// Evaluation of the model that a training run saved, on all ranks (rank_group.h); only rank 0
 // reads the folder.
 
 #include "run/evaluate.h"

@@ -9,7 +9,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
-#include "cli/model_path.h"
+#include "arguments/model_path.h"
 #include "sparegs/render.h"
 #include "sparegs/trainer.h"
 

@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/progress.h"
 
 static bool show_iteration(void *user, const sgs_step_info *info)

@@ -4,7 +4,7 @@
 
 // sgs_finetune with the values of the command line and its progress. Writes no files.
 
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "sparegs/trainer.h"
 
 // Replaces *model by the result of `iterations` steps on the training views of `scene`, whose

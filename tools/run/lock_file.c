@@ -10,7 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/progress.h"
 
 static lock_result take(const char *path, int flags, int operation, int *descriptor)

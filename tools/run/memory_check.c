@@ -7,11 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/model_path.h"
-#include "cli/model_reader.h"
+#include "arguments/model_path.h"
+#include "arguments/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "sparegs/model_file.h"
 #include "sparegs/runtime.h"
 

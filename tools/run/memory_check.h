@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#include "cli/train_options.h"
+#include "arguments/train_options.h"
 #include "sparegs/scene.h"
 
 // Initial number of primitives: `continued`, of the checkpoint to resume, if it is not 0; else of

@@ -7,7 +7,7 @@
 
 #include <jansson.h>
 
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 
 typedef struct rank_clock {
     sgs_ranks_seconds before[SGS_RANKS_PURPOSE_COUNT]; // totals before the present iteration

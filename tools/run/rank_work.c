@@ -6,10 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/option_text.h"
+#include "options/option_text.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "cli/value_order.h"
 #include "sparegs/rank_check.h"
 

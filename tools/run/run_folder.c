@@ -25,7 +25,7 @@
 #include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "cli/run_files.h"
 #include "run/exposure_file.h"
 #include "run/lock_file.h"

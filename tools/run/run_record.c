@@ -9,10 +9,10 @@
 
 #include "cli/json_file.h"
 #include "cli/json_output.h"
-#include "cli/model_path.h"
+#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 
 void run_record_split(json_t *config, const sgs_scene *scene)
 {

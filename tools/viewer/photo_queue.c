@@ -8,7 +8,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "cli/async_task.h"
+#include "processes/async_task.h"
 #include "cli/progress.h"
 
 #define OWED_SECONDS 10.0 // at most, after one photo

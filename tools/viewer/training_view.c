@@ -6,9 +6,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_output.h"
-#include "cli/model_argument.h"
+#include "arguments/model_argument.h"
 #include "cli/progress.h"
 #include "sparegs/runtime.h"
 #include "viewer/view_session.h"

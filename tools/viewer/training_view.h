@@ -8,7 +8,7 @@
 //
 // The functions are for the thread that trains. All accept NULL (no viewer).
 
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "sparegs/trainer.h"
 
 typedef struct training_view training_view;

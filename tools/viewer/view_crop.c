@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "cli/json_output.h"
-#include "cli/model_argument.h"
+#include "arguments/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "sparegs/model_file.h"

@@ -7,8 +7,8 @@
 #include <string.h>
 #include <time.h>
 
-#include "cli/interrupt.h"
-#include "cli/model_argument.h"
+#include "processes/interrupt.h"
+#include "arguments/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "run/model_filter.h"

@@ -13,7 +13,7 @@
 #include <stdatomic.h>
 
 #include "cameras/camera_file.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "draw/region_map.h"
 #include "run/region_file.h"
 

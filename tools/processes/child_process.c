@@ -5,7 +5,7 @@
 // fork and exec only async-signal-safe functions are called. A failed exec reports errno through a
 // second pipe, which a successful exec closes.
 
-#include "cli/child_process.h"
+#include "processes/child_process.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -20,7 +20,7 @@
 #include <sys/prctl.h>
 #endif
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/output.h"
 
 static void close_pair(int ends[2])

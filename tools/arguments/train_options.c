@@ -3,7 +3,7 @@
 
 // The options of `sparegs train`.
 
-#include "cli/train_options.h"
+#include "arguments/train_options.h"
 
 #include <limits.h>
 #include <math.h>

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/model_path.h"
+#include "arguments/model_path.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -10,7 +10,7 @@
 #include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/recorded_options.h"
+#include "arguments/recorded_options.h"
 #include "sparegs/compress.h"
 #include "sparegs/model_file.h"
 #include "sparegs/run.h"

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/option_list.h"
+#include "options/option_list.h"
 
 static const char *const kinds[] = {
     [OPTION_FLAG] = "flag",         [OPTION_INTEGER] = "integer",   [OPTION_COUNT] = "integer",

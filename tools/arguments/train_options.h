@@ -6,7 +6,7 @@
 
 #include <limits.h>
 
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "sparegs/trainer.h"
 
 enum { EVALUATE_ALL = INT_MAX };

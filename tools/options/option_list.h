@@ -7,7 +7,7 @@
 
 #include <jansson.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 
 // {"command","synopsis","description","options":[{"name","letter","group","kind","argument",
 // "default","unit","minimum","maximum","needs","help"}]}; members that an option does not have are

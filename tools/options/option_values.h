@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 
 enum { LONGEST_WORD = 63 };
 

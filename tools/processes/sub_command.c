@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/sub_command.h"
+#include "processes/sub_command.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -13,12 +13,12 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "cli/child_process.h"
-#include "cli/interrupt.h"
-#include "cli/options.h"
+#include "processes/child_process.h"
+#include "processes/interrupt.h"
+#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 
 // In the new process. Does not return.
 static void become_command(const char *const *arguments, pid_t parent, const char *output,

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/async_task.h"
+#include "processes/async_task.h"
 
 static void *run(void *argument)
 {

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/model_reader.h"
+#include "arguments/model_reader.h"
 
 #include "sparegs/compress.h"
 

@@ -6,7 +6,7 @@
 // be abbreviated, so that a new option with the same prefix breaks no script. The error for a
 // mistyped name suggests the nearest known one.
 
-#include "cli/options.h"
+#include "options/options.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,8 +14,8 @@
 #include <sys/stat.h>
 
 #include "cli/json_result.h"
-#include "cli/option_list.h"
-#include "cli/option_values.h"
+#include "options/option_list.h"
+#include "options/option_values.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/resolved_path.h"

@@ -4,7 +4,7 @@
 // Stopping on request. The handlers are async-signal-safe: they change a lock-free integer or call
 // _exit. Handlers of two signals may run concurrently on two threads.
 
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 
 #include <stdatomic.h>
 #include <stddef.h>

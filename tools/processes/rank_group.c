@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 
 #include <fcntl.h>
 #include <stdio.h>
@@ -9,12 +9,12 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "cli/interrupt.h"
-#include "cli/option_text.h"
-#include "cli/options.h"
+#include "processes/interrupt.h"
+#include "options/option_text.h"
+#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_cores.h"
+#include "processes/rank_cores.h"
 #include "sparegs/runtime.h"
 
 static sgs_ranks *ranks;

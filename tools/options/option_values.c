@@ -3,7 +3,7 @@
 
 // The value of an option from its argument: ranges, units, words.
 
-#include "cli/option_values.h"
+#include "options/option_values.h"
 
 #include <ctype.h>
 #include <errno.h>

@@ -1,13 +1,13 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/recorded_options.h"
+#include "arguments/recorded_options.h"
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <string.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 #include "cli/progress.h"
 
 typedef struct recorded_option {

@@ -6,7 +6,7 @@
 
 #include <jansson.h>
 
-#include "cli/train_options.h"
+#include "arguments/train_options.h"
 
 // OUT/config.json: versions, machine settings and under "options" every option as used.
 json_t *train_config(const char *scene_path, const train_values *values, const scene_values *scene,

@@ -4,8 +4,8 @@
 
 // The MODEL argument of the commands: a file of any format that the library reads, or a run folder.
 
-#include "cli/model_path.h"
-#include "cli/shared_options.h"
+#include "arguments/model_path.h"
+#include "arguments/shared_options.h"
 #include "sparegs/model_file.h"
 
 typedef struct opened_model {

@@ -4,7 +4,7 @@
 // Option tables shared by the commands. A value comes from the command line, else from the
 // config.json of the run that trained the model, else from the convention of the data set.
 
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -12,12 +12,12 @@
 #include <string.h>
 #include <strings.h>
 
-#include "cli/interrupt.h"
-#include "cli/model_path.h"
+#include "processes/interrupt.h"
+#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
-#include "cli/scene_files.h"
+#include "processes/rank_group.h"
+#include "arguments/scene_files.h"
 #include "sparegs/runtime.h"
 
 static const option common_options[] = {

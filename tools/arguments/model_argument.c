@@ -1,14 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/model_argument.h"
+#include "arguments/model_argument.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli/interrupt.h"
-#include "cli/model_path.h"
-#include "cli/model_reader.h"
+#include "processes/interrupt.h"
+#include "arguments/model_path.h"
+#include "arguments/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/value_order.h"

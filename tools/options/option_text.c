@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/option_text.h"
+#include "options/option_text.h"
 
 #include <inttypes.h>
 #include <string.h>

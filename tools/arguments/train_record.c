@@ -6,13 +6,13 @@
 // those that need more are texts under "precise", so that a resumed run computes with the same
 // bits.
 
-#include "cli/train_record.h"
+#include "arguments/train_record.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "cli/json_output.h"
-#include "cli/model_path.h"
+#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "sparegs/option_descriptors.h"

@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 #include "sparegs/scene.h"
 
 typedef struct scene_files {

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/scene_files.h"
+#include "arguments/scene_files.h"
 
 #include <stdlib.h>
 #include <string.h>

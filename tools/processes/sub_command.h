@@ -3,7 +3,7 @@
 #pragma once
 
 // Runs a command of this program in a new process, so that the steps of an experiment share neither
-// memory, threads nor crashes. Unlike child_run (cli/child_process.h) it does not collect stderr,
+// memory, threads nor crashes. Unlike child_run (child_process.h) it does not collect stderr,
 // and it forwards a request to stop and waits until the process has saved its state. Ctrl-Z
 // suspends both.
 

@@ -10,7 +10,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 #include "sparegs/ranks.h"
 
 // Requests that must reach all ranks in the same iteration.

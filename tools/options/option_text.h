@@ -6,7 +6,7 @@
 
 #include <stdio.h>
 
-#include "cli/options.h"
+#include "options/options.h"
 
 // Writes a line "--name: value" for each option of all groups, given or not, except those in
 // "a|b|c".

@@ -11,13 +11,13 @@
 #include <unistd.h>
 
 #include "cli/commands.h"
-#include "cli/interrupt.h"
+#include "processes/interrupt.h"
 #include "cli/json_result.h"
-#include "cli/options.h"
+#include "options/options.h"
 #include "cli/progress.h"
-#include "cli/rank_group.h"
+#include "processes/rank_group.h"
 #include "cli/reported_files.h"
-#include "cli/shared_options.h"
+#include "arguments/shared_options.h"
 #include "cli/standard_output.h"
 #include "sparegs/runtime.h"
 

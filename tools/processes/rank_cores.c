@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The sparegs authors
 // SPDX-License-Identifier: Apache-2.0
 
-#include "cli/rank_cores.h"
+#include "processes/rank_cores.h"
 
 #include <stdbool.h>
 #include <stddef.h>

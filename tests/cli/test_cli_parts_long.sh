@@ -12,7 +12,7 @@ skipped=0
 for name in test_cli_stop test_cli_bench test_cli_view test_cli_view_train test_cli_ranks test_cli_ranks_views test_cli_convert test_cli_memory test_cli_guard test_docs; do
     echo "== $name"
     status=0
-    bash "$SPAREGS_SOURCE/tests/cli/$name.sh" || status=$?
+    bash "$SPAREGS_SOURCE"/tests/cli/*/"$name.sh" || status=$?
     case $status in
     0) ;;
     77) skipped=1 ;;

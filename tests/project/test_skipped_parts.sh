@@ -55,7 +55,7 @@ SPAREGS_NO_SKIP=0 expect 0 "$list" "$log"
 SPAREGS_NO_SKIP=1 expect 1 "$list" "$log"
 # every_script_reports_why_it_is_skipped
 awk 'FNR == 1 { before = "" } /exit 77/ && before $0 !~ /skipped/ { print FILENAME ":" FNR; bad = 1 } { before = $0 } END { exit bad }' \
-    "$SPAREGS_SOURCE"/tests/*/test_*.sh "$SPAREGS_SOURCE/tests/cli/cli_support.sh" || { echo "FAIL: these give no reason"; exit 1; }
+    "$SPAREGS_SOURCE"/tests/*/test_*.sh "$SPAREGS_SOURCE"/tests/cli/*/test_*.sh "$SPAREGS_SOURCE/tests/cli/cli_support.sh" || { echo "FAIL: these give no reason"; exit 1; }
 
 # strict_mode_accepts_a_run_without_skipped_parts
 : >expected

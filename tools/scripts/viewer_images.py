@@ -16,7 +16,7 @@ except ImportError:
     Image = None
 
 root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-sys.path.insert(0, os.path.join(root, "tests", "cli"))
+sys.path.insert(0, os.path.join(root, "tests", "cli", "pages"))
 from devtools import Browser, find_browser  # noqa: E402
 
 program, run_folder, scene = sys.argv[1:4]

@@ -9,7 +9,7 @@
 // Values may be float, or normalised bytes and shorts. Other contents of the scene may have any
 // transform.
 
-#include "storage/model_format.h"
+#include "formats/small_formats.h"
 
 #include <jansson.h>
 #include <stdlib.h>

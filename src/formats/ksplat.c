@@ -10,7 +10,7 @@
 // degree, then channel. The original supports degrees 0 to 2; other readers accept 3 too, but 2 are
 // written.
 
-#include "storage/model_format.h"
+#include "formats/small_formats.h"
 
 #include <string.h>
 

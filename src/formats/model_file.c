@@ -14,11 +14,16 @@
 
 #include "base/base_name.h"
 #include "base/core.h"
+#include "formats/small_formats.h"
+#include "model/finite_model.h"
+#include "model/sh_degree.h"
+#include "ply/ply_model.h"
+#include "sog/sog_model.h"
 #include "storage/color_marks.h"
 #include "storage/model_format.h"
 #include "storage/model_rows.h"
-#include "model/finite_model.h"
-#include "model/sh_degree.h"
+#include "usd/usd_model.h"
+#include "web_page/web_page.h"
 
 enum { PROBE_BYTES = 8192 };
 

@@ -8,7 +8,7 @@
 // The rotation (w, x, y, z) is 128 q + 128. Writers sort by decreasing opacity times volume, so
 // that a viewer can show the most important primitives of an incomplete file.
 
-#include "storage/model_format.h"
+#include "formats/small_formats.h"
 
 #include <stdlib.h>
 #include <string.h>

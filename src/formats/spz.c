@@ -21,7 +21,7 @@
 // Zstandard, a trained model 0.1. A model beyond the bound is written stored, or, in version 4,
 // with an extension record of zeros: the frames must end with the file.
 
-#include "storage/model_format.h"
+#include "formats/small_formats.h"
 
 #include <string.h>
 

@@ -8,7 +8,7 @@
 // Values are relative to the bounds of the chunk. The rotation omits its largest component, whose
 // index among (w, x, y, z) is in the upper two bits. Primitives are in Morton order.
 
-#include "storage/model_format.h"
+#include "ply/ply_model.h"
 
 #include <string.h>
 

@@ -21,7 +21,7 @@
 
 #include "base/core.h"
 #include "storage/color_marks.h"
-#include "storage/model_format.h"
+#include "ply/ply_model.h"
 #include "storage/model_rows.h"
 #include "ply/ply_header.h"
 #include "ply/ply_parts.h"

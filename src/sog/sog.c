@@ -22,7 +22,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "storage/model_format.h"
+#include "sog/sog_model.h"
 
 // meta.json of a writer has about 15 kB, most of it codebooks.
 enum { MAX_META = 1 << 20 };

@@ -9,7 +9,7 @@
 // - 1. Nodes are split at the median of their longest side while they have more than 512 k
 // primitives of level 0, or are longer than 16 units with more than 8 k.
 
-#include "storage/model_format.h"
+#include "sog/sog_model.h"
 
 #include <jansson.h>
 #include <stdlib.h>

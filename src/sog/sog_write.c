@@ -12,7 +12,7 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "storage/model_format.h"
+#include "sog/sog_model.h"
 #include "sog/palette.h"
 #include "storage/row_order.h"
 #include "sparegs/version.h"

@@ -10,7 +10,7 @@
 // USD is y-up, the model x right, y down, z front: y and z change their signs, in the data and not
 // by a transform, because renderers may not rotate SH with a prim.
 
-#include "storage/model_format.h"
+#include "usd/usd_model.h"
 
 #include <jansson.h>
 #include <string.h>

@@ -6,7 +6,7 @@
 // transforms on and above them, colorSpace:name (of the prim or the nearest one above it, as in
 // UsdColorSpaceAPI), our white point, upAxis, and nothing else. No time samples.
 
-#include "storage/model_format.h"
+#include "usd/usd_model.h"
 
 #include <stdlib.h>
 #include <string.h>

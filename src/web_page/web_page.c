@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "storage/model_format.h"
+#include "web_page/web_page.h"
 #include "storage/row_order.h"
 #include "sog/sog.h"
 #include "sparegs/output_file.h"

@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-#include "storage/model_format.h"
+#include "formats/small_formats.h"
 #include "storage/unpack.h"
 #include "support/model_bytes.h"
 #include "support/warning_support.h"

@@ -11,12 +11,12 @@
 #include <string.h>
 
 #include "compress/compress_method.h"
-#include "storage/color_marks.h"
-#include "storage/model_rows.h"
 #include "model/finite_model.h"
 #include "model/opacity.h"
 #include "model/sh_degree.h"
 #include "model/similarity.h"
+#include "storage/color_marks.h"
+#include "storage/model_rows.h"
 
 // In the order of sgs_compress_method.
 static const sgsi_compress_method *const methods[] = {

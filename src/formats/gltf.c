@@ -16,11 +16,11 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "storage/color_marks.h"
-#include "storage/model_rows.h"
 #include "model/affine.h"
 #include "sparegs/output_file.h"
 #include "sparegs/version.h"
+#include "storage/color_marks.h"
+#include "storage/model_rows.h"
 
 enum {
     HEADER_BYTES = 12,

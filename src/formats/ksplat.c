@@ -16,8 +16,8 @@
 
 #include "base/core.h"
 #include "base/keyed_rows.h"
-#include "storage/model_rows.h"
 #include "sparegs/output_file.h"
+#include "storage/model_rows.h"
 
 enum {
     HEADER_BYTES = 4096,

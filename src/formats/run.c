@@ -15,8 +15,8 @@
 #include <unistd.h>
 
 #include "base/core.h"
-#include "storage/color_marks.h"
 #include "sparegs/model_file.h"
+#include "storage/color_marks.h"
 
 enum { MAX_PATH = 4096, MAX_ITERATIONS = 1000000000 };
 

@@ -14,9 +14,9 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "sparegs/output_file.h"
 #include "storage/model_rows.h"
 #include "storage/row_order.h"
-#include "sparegs/output_file.h"
 
 enum { SPLAT_BYTES = 32 };
 

@@ -27,10 +27,10 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "storage/model_rows.h"
-#include "storage/unpack.h"
 #include "model/similarity.h"
 #include "sparegs/output_file.h"
+#include "storage/model_rows.h"
+#include "storage/unpack.h"
 
 enum {
     MAGIC = 0x5053474E, // "NGSP"

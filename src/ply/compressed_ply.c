@@ -13,11 +13,11 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "ply/ply_header.h"
+#include "sparegs/output_file.h"
 #include "storage/color_marks.h"
 #include "storage/model_rows.h"
-#include "ply/ply_header.h"
 #include "storage/row_order.h"
-#include "sparegs/output_file.h"
 
 enum { CHUNK_SIZE = 256, BOUND_COUNT = 18, OLD_BOUND_COUNT = 12, WORD_COUNT = 4, MAX_REST = 45 };
 

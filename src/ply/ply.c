@@ -20,14 +20,14 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "storage/color_marks.h"
-#include "ply/ply_model.h"
-#include "storage/model_rows.h"
-#include "ply/ply_header.h"
-#include "ply/ply_parts.h"
 #include "model/filter_3d.h"
 #include "model/sh_degree.h"
+#include "ply/ply_header.h"
+#include "ply/ply_model.h"
+#include "ply/ply_parts.h"
 #include "sparegs/output_file.h"
+#include "storage/color_marks.h"
+#include "storage/model_rows.h"
 
 enum {
     REST_PER_CHANNEL = 15,

@@ -12,12 +12,12 @@
 #include "base/core.h"
 #include "base/progress_calls.h"
 #include "base/threads.h"
-#include "storage/model_rows.h"
 #include "image/half.h"
 #include "image/mask.h"
 #include "image/photo.h"
 #include "scene/scene_split.h"
 #include "sparegs/scene.h"
+#include "storage/model_rows.h"
 
 enum { WHITE_VIEWS = 16 };
 static const char path[] = "scene in memory";

@@ -16,8 +16,8 @@
 #include "base/core.h"
 #include "base/keyed_rows.h"
 #include "base/threads.h"
-#include "sog/palette_kernels.h"
 #include "simd/kernel_variants.h"
+#include "sog/palette_kernels.h"
 
 enum {
     GROUP = SGSI_PALETTE_GROUP,

@@ -18,9 +18,9 @@
 
 #include "base/core.h"
 #include "base/keyed_rows.h"
-#include "storage/row_order.h"
 #include "sog/sog.h"
 #include "sparegs/version.h"
+#include "storage/row_order.h"
 
 enum {
     MAX_LEVELS = 16,

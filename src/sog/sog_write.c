@@ -12,10 +12,10 @@
 
 #include "base/core.h"
 #include "base/threads.h"
-#include "sog/sog_model.h"
 #include "sog/palette.h"
-#include "storage/row_order.h"
+#include "sog/sog_model.h"
 #include "sparegs/version.h"
+#include "storage/row_order.h"
 
 enum { MAX_PALETTE = 65536, JSON_DIGITS = 9 };
 

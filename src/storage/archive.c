@@ -10,9 +10,9 @@
 #include <string.h>
 
 #include "base/core.h"
+#include "sparegs/output_file.h"
 #include "storage/model_rows.h"
 #include "storage/unpack.h"
-#include "sparegs/output_file.h"
 
 enum {
     LOCAL_BYTES = 30,

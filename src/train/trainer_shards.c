@@ -9,9 +9,9 @@
 #include "base/core.h"
 #include "base/threads.h"
 #include "cluster/row_streams.h"
-#include "ply/ply_parts.h"
 #include "model/filter_3d.h"
 #include "model/model_hash.h"
+#include "ply/ply_parts.h"
 #include "train/trainer_state.h"
 
 enum { ITEM_BYTES = 64 };

@@ -17,8 +17,8 @@
 
 #include "base/core.h"
 #include "base/plain_numbers.h"
-#include "storage/model_rows.h"
 #include "sparegs/output_file.h"
+#include "storage/model_rows.h"
 
 static const size_t WARN_COUNT = 2000000;
 static const double APERTURE = 36.0; // mm; only ratios matter

@@ -11,8 +11,8 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "usd/usd_layer.h"
 #include "sparegs/image.h"
+#include "usd/usd_layer.h"
 
 enum {
     MAX_CAMERAS = 100000,

@@ -8,8 +8,8 @@
 
 #include <stdint.h>
 
-#include "usd/usd_transform.h"
 #include "sparegs/status.h"
+#include "usd/usd_transform.h"
 
 enum { SGSI_USD_DEPTH = 64 };
 

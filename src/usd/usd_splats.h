@@ -5,9 +5,9 @@
 // The splats of an OpenUSD file: the values of each prim as the text gives them, and their
 // conversion to one model. Does not parse.
 
+#include "sparegs/status.h"
 #include "storage/model_rows.h"
 #include "usd/usd_transform.h"
-#include "sparegs/status.h"
 
 typedef enum sgsi_usd_values {
     SGSI_USD_POSITIONS,

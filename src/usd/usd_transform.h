@@ -5,8 +5,8 @@
 // Transforms of OpenUSD prims: the xformOps that xformOpOrder lists, also at a time code, and the
 // factors of the product of such transforms. Matrices act on row vectors, as in OpenUSD: p M.
 
-#include "usd/usd_value.h"
 #include "model/affine.h"
+#include "usd/usd_value.h"
 
 enum { SGSI_USD_OPERATIONS = 32 };
 

@@ -9,10 +9,10 @@
 #include <string.h>
 
 #include "base/core.h"
-#include "web_page/web_page.h"
-#include "storage/row_order.h"
 #include "sog/sog.h"
 #include "sparegs/output_file.h"
+#include "storage/row_order.h"
+#include "web_page/web_page.h"
 
 extern const char sgsi_web_page[]; // generated from web_page.html, .css and .js
 

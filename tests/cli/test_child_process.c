@@ -15,9 +15,9 @@
 #include <signal.h>
 #include <stdlib.h>
 
+#include "draw/video.h"
 #include "processes/child_process.h"
 #include "processes/sub_command.h"
-#include "draw/video.h"
 #include "support/files_support.h"
 
 static temp_folder folder;

@@ -14,11 +14,11 @@
 
 #include <cmocka.h>
 
+#include "sparegs/usd_cameras.h"
 #include "support/files_support.h"
 #include "support/model_support.h"
 #include "support/scene_support.h"
 #include "support/usdz_bytes.h"
-#include "sparegs/usd_cameras.h"
 
 enum { WIDTH = 64, HEIGHT = 48 };
 

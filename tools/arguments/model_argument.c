@@ -6,12 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "processes/interrupt.h"
 #include "arguments/model_path.h"
 #include "arguments/model_reader.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/value_order.h"
+#include "processes/interrupt.h"
 
 bool model_open(const char *model, const sgs_model_read_options *options, opened_model *opened)
 {

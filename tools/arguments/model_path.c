@@ -7,10 +7,10 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "arguments/recorded_options.h"
 #include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "arguments/recorded_options.h"
 #include "sparegs/compress.h"
 #include "sparegs/model_file.h"
 #include "sparegs/run.h"

@@ -7,8 +7,8 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "options/options.h"
 #include "cli/progress.h"
+#include "options/options.h"
 
 typedef struct recorded_option {
     const char *name;

@@ -12,12 +12,12 @@
 #include <string.h>
 #include <strings.h>
 
-#include "processes/interrupt.h"
 #include "arguments/model_path.h"
+#include "arguments/scene_files.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "processes/interrupt.h"
 #include "processes/rank_group.h"
-#include "arguments/scene_files.h"
 #include "sparegs/runtime.h"
 
 static const option common_options[] = {

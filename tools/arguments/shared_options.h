@@ -7,8 +7,8 @@
 
 #include <jansson.h>
 
-#include "options/options.h"
 #include "arguments/recorded_options.h"
+#include "options/options.h"
 #include "sparegs/render.h"
 #include "sparegs/scene.h"
 

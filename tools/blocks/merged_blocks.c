@@ -6,12 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "processes/interrupt.h"
-#include "cli/json_file.h"
 #include "arguments/model_path.h"
+#include "arguments/shared_options.h"
+#include "cli/json_file.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "arguments/shared_options.h"
+#include "processes/interrupt.h"
 #include "run/exposure_file.h"
 #include "run/run_record.h"
 #include "sparegs/model_edit.h"

@@ -10,9 +10,9 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/progress.h"
+#include "processes/interrupt.h"
 
 static double squared_error(const view_images *images, size_t plane, size_t at)
 {

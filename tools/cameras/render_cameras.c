@@ -7,15 +7,15 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "arguments/shared_options.h"
 #include "cameras/camera_path.h"
 #include "cameras/chan_file.h"
 #include "cameras/lens_scale.h"
 #include "cameras/usd_camera_file.h"
 #include "cli/file_stems.h"
-#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "arguments/shared_options.h"
+#include "options/options.h"
 
 static bool parse_number(const char **at, int low, int high, int *value)
 {

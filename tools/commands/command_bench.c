@@ -10,14 +10,14 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "cameras/camera_file.h"
-#include "cli/commands.h"
-#include "processes/interrupt.h"
 #include "arguments/model_argument.h"
 #include "arguments/model_path.h"
+#include "arguments/shared_options.h"
+#include "cameras/camera_file.h"
+#include "cli/commands.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "arguments/shared_options.h"
+#include "processes/interrupt.h"
 #include "report/bench_report.h"
 
 static const char description[] =

@@ -8,12 +8,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "arguments/shared_options.h"
 #include "cli/commands.h"
-#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "arguments/shared_options.h"
+#include "options/options.h"
 #include "run/region_file.h"
 #include "run/region_json.h"
 

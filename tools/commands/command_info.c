@@ -10,14 +10,14 @@
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "cli/commands.h"
-#include "cli/json_output.h"
 #include "arguments/model_path.h"
 #include "arguments/model_reader.h"
+#include "arguments/shared_options.h"
+#include "cli/commands.h"
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "arguments/shared_options.h"
 #include "cli/value_order.h"
 #include "sparegs/model_file.h"
 

@@ -6,15 +6,15 @@
 
 #include <stdlib.h>
 
-#include "cameras/render_cameras.h"
-#include "cli/commands.h"
-#include "processes/interrupt.h"
 #include "arguments/model_argument.h"
 #include "arguments/model_path.h"
+#include "arguments/shared_options.h"
+#include "cameras/render_cameras.h"
+#include "cli/commands.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
-#include "arguments/shared_options.h"
+#include "processes/interrupt.h"
 #include "report/profile_report.h"
 #include "run/trace_file.h"
 #include "sparegs/runtime.h"

@@ -18,16 +18,16 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "processes/child_process.h"
+#include "arguments/shared_options.h"
 #include "cli/commands.h"
-#include "processes/interrupt.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/resolved_path.h"
-#include "arguments/shared_options.h"
+#include "processes/child_process.h"
+#include "processes/interrupt.h"
 #include "run/lock_file.h"
 #include "run/reconstructed_scene.h"
 #include "sparegs/image.h"

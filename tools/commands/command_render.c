@@ -9,22 +9,22 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "arguments/model_argument.h"
+#include "arguments/model_path.h"
 #include "cameras/camera_export.h"
 #include "cameras/chan_file.h"
 #include "cameras/render_cameras.h"
 #include "cameras/usd_camera_file.h"
 #include "cli/commands.h"
-#include "processes/interrupt.h"
-#include "arguments/model_argument.h"
-#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "processes/rank_group.h"
 #include "cli/reported_files.h"
 #include "commands/render_options.h"
 #include "draw/aov_list.h"
 #include "draw/photo_guard.h"
 #include "draw/view_drawer.h"
+#include "processes/interrupt.h"
+#include "processes/rank_group.h"
 #include "run/rank_work.h"
 #include "sparegs/rank_check.h"
 

@@ -11,17 +11,17 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "cli/commands.h"
-#include "cli/input_file.h"
-#include "processes/interrupt.h"
-#include "cli/json_file.h"
-#include "cli/json_output.h"
 #include "arguments/model_argument.h"
 #include "arguments/model_path.h"
-#include "options/options.h"
+#include "cli/commands.h"
+#include "cli/input_file.h"
+#include "cli/json_file.h"
+#include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
+#include "options/options.h"
+#include "processes/interrupt.h"
 #include "report/report_tables.h"
 #include "report/table_file.h"
 #include "run/evaluate.h"

@@ -10,15 +10,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "arguments/train_record.h"
 #include "cli/commands.h"
-#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "processes/rank_group.h"
 #include "cli/reported_files.h"
-#include "arguments/train_record.h"
 #include "commands/training.h"
+#include "processes/interrupt.h"
+#include "processes/rank_group.h"
 #include "run/checkpoint_pace.h"
 #include "run/evaluate_saved.h"
 #include "run/memory_check.h"

@@ -7,18 +7,18 @@
 #include <string.h>
 #include <time.h>
 
+#include "arguments/model_argument.h"
+#include "arguments/model_path.h"
 #include "cameras/camera_export.h"
 #include "cameras/camera_path.h"
 #include "cli/commands.h"
-#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/json_result.h"
-#include "arguments/model_argument.h"
-#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/reported_files.h"
 #include "cli/standard_output.h"
+#include "processes/interrupt.h"
 #include "viewer/view_session.h"
 
 static const char description[] =

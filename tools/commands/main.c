@@ -10,15 +10,15 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "cli/commands.h"
-#include "processes/interrupt.h"
-#include "cli/json_result.h"
-#include "options/options.h"
-#include "cli/progress.h"
-#include "processes/rank_group.h"
-#include "cli/reported_files.h"
 #include "arguments/shared_options.h"
+#include "cli/commands.h"
+#include "cli/json_result.h"
+#include "cli/progress.h"
+#include "cli/reported_files.h"
 #include "cli/standard_output.h"
+#include "options/options.h"
+#include "processes/interrupt.h"
+#include "processes/rank_group.h"
 #include "sparegs/runtime.h"
 
 typedef struct command {

@@ -13,10 +13,10 @@
 #include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "processes/rank_group.h"
 #include "cli/resolved_path.h"
 #include "cli/run_files.h"
 #include "commands/training.h"
+#include "processes/rank_group.h"
 
 static bool read_model(training *run, sgs_gaussians **init)
 {

@@ -7,13 +7,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/json_result.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "processes/rank_group.h"
 #include "cli/reported_files.h"
+#include "processes/interrupt.h"
+#include "processes/rank_group.h"
 #include "report/scaling_report.h"
 #include "run/memory_check.h"
 #include "run/run_record.h"

@@ -6,11 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "options/options.h"
+#include "arguments/scene_files.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "arguments/scene_files.h"
 #include "draw/frame_files.h"
+#include "options/options.h"
 
 static const char advice[] = "choose another folder";
 

@@ -9,10 +9,10 @@
 
 #include "cameras/lens_samples.h"
 #include "cameras/lens_scale.h"
-#include "processes/interrupt.h"
 #include "cli/progress.h"
-#include "processes/rank_group.h"
 #include "cli/reported_files.h"
+#include "processes/interrupt.h"
+#include "processes/rank_group.h"
 #include "sparegs/aov_descriptors.h"
 #include "sparegs/metrics.h"
 #include "sparegs/runtime.h"

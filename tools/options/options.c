@@ -14,12 +14,12 @@
 #include <sys/stat.h>
 
 #include "cli/json_result.h"
-#include "options/option_list.h"
-#include "options/option_values.h"
 #include "cli/output.h"
 #include "cli/progress.h"
 #include "cli/resolved_path.h"
 #include "cli/run_files.h"
+#include "options/option_list.h"
+#include "options/option_values.h"
 
 enum { HELP_INDENT = 30, HELP_WIDTH = 100, MAX_NEEDS = 200 };
 

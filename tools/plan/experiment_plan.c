@@ -24,9 +24,9 @@
 #include "cli/commands.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
-#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "options/options.h"
 #include "plan/plan_values.h"
 #include "sparegs/scene.h"
 

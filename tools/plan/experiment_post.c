@@ -9,16 +9,16 @@
 #include <unistd.h>
 
 #include "cli/commands.h"
-#include "processes/interrupt.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
 #include "cli/json_result.h"
-#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "processes/sub_command.h"
+#include "options/options.h"
 #include "plan/plan_values.h"
 #include "plan/run_settings.h"
+#include "processes/interrupt.h"
+#include "processes/sub_command.h"
 #include "sparegs/compress.h"
 #include "sparegs/runtime.h"
 

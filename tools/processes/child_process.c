@@ -20,8 +20,8 @@
 #include <sys/prctl.h>
 #endif
 
-#include "processes/interrupt.h"
 #include "cli/output.h"
+#include "processes/interrupt.h"
 
 static void close_pair(int ends[2])
 {

@@ -9,11 +9,11 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "processes/interrupt.h"
-#include "options/option_text.h"
-#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "options/option_text.h"
+#include "options/options.h"
+#include "processes/interrupt.h"
 #include "processes/rank_cores.h"
 #include "sparegs/runtime.h"
 

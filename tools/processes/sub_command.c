@@ -13,11 +13,11 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "processes/child_process.h"
-#include "processes/interrupt.h"
-#include "options/options.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "options/options.h"
+#include "processes/child_process.h"
+#include "processes/interrupt.h"
 #include "processes/rank_group.h"
 
 // In the new process. Does not return.

@@ -12,9 +12,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "processes/interrupt.h"
 #include "cli/json_output.h"
 #include "cli/progress.h"
+#include "processes/interrupt.h"
 #include "processes/rank_group.h"
 #include "run/display_planes.h"
 #include "run/exposure_file.h"

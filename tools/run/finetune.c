@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-#include "processes/interrupt.h"
 #include "cli/progress.h"
+#include "processes/interrupt.h"
 
 static bool show_iteration(void *user, const sgs_step_info *info)
 {

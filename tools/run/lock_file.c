@@ -10,8 +10,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "processes/interrupt.h"
 #include "cli/progress.h"
+#include "processes/interrupt.h"
 
 static lock_result take(const char *path, int flags, int operation, int *descriptor)
 {

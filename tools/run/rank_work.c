@@ -6,11 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "options/option_text.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "processes/rank_group.h"
 #include "cli/value_order.h"
+#include "options/option_text.h"
+#include "processes/rank_group.h"
 #include "sparegs/rank_check.h"
 
 // Options that change no result.

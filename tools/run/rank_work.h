@@ -9,8 +9,8 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "options/options.h"
 #include "arguments/shared_options.h"
+#include "options/options.h"
 #include "sparegs/gaussians.h"
 
 typedef struct rank_work {

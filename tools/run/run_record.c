@@ -7,12 +7,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "arguments/model_path.h"
+#include "arguments/shared_options.h"
 #include "cli/json_file.h"
 #include "cli/json_output.h"
-#include "arguments/model_path.h"
 #include "cli/output.h"
 #include "cli/progress.h"
-#include "arguments/shared_options.h"
 
 void run_record_split(json_t *config, const sgs_scene *scene)
 {

@@ -8,8 +8,8 @@
 #include <string.h>
 #include <time.h>
 
-#include "processes/async_task.h"
 #include "cli/progress.h"
+#include "processes/async_task.h"
 
 #define OWED_SECONDS 10.0 // at most, after one photo
 

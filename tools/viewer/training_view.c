@@ -6,10 +6,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "processes/interrupt.h"
-#include "cli/json_output.h"
 #include "arguments/model_argument.h"
+#include "cli/json_output.h"
 #include "cli/progress.h"
+#include "processes/interrupt.h"
 #include "sparegs/runtime.h"
 #include "viewer/view_session.h"
 

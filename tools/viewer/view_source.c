@@ -7,10 +7,10 @@
 #include <string.h>
 #include <time.h>
 
-#include "processes/interrupt.h"
 #include "arguments/model_argument.h"
 #include "cli/output.h"
 #include "cli/progress.h"
+#include "processes/interrupt.h"
 #include "run/model_filter.h"
 
 // The scene's views as a list of cameras.

@@ -12,8 +12,8 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
-#include "cameras/camera_file.h"
 #include "arguments/shared_options.h"
+#include "cameras/camera_file.h"
 #include "draw/region_map.h"
 #include "run/region_file.h"
 

@@ -203,19 +203,20 @@ static inline void order_groups(sgsi_scratch *s, const hit_rows *rows, uint32_t 
                                 vf *prefix, vf *t_last)
 {
     bool swapped[CHUNK / GROUP] = {false};
-    vf prefixes[SIMD_PARTS], last[SIMD_PARTS];
+    vf prefixes[SIMD_PARTS], lasts[SIMD_PARTS];
     for (int part = 0; part < SIMD_PARTS; ++part) {
-        prefixes[part] = vf_part(*prefix, part);
-        last[part] = vf_part(*t_last, part);
+        vf before = vf_part(*prefix, part), last = vf_part(*t_last, part); // in registers
         for (uint32_t g = begin; g < end; ++g)
-            swapped[g - begin] |= order_group(rows, g, part, &prefixes[part], &last[part]);
+            swapped[g - begin] |= order_group(rows, g, part, &before, &last);
+        prefixes[part] = before;
+        lasts[part] = last;
     }
     for (uint32_t g = begin; g < end; ++g) {
         s->swapped[s->swapped_count].group = g;
         s->swapped_count += swapped[g - begin];
     }
     *prefix = vf_join_parts(prefixes);
-    *t_last = vf_join_parts(last);
+    *t_last = vf_join_parts(lasts);
 }
 
 // order_back in a part of the lanes.

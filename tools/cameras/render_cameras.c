@@ -273,7 +273,7 @@ static void reshape(const camera_choice *choice, named_camera *view)
         *camera = sized_camera(view, choice->width, choice->height);
 }
 
-// The numbers of a .chan file, or those counted from --first-frame.
+// The numbers of the file (.chan, or one OpenUSD camera), or those counted from --first-frame.
 static void number_frames(camera_list *list)
 {
     for (size_t i = 0; i < list->count && !list->has_frames; ++i)
@@ -301,6 +301,12 @@ static bool fail_frames(const frame_range *range, int low, int high, const camer
 
 static bool frames_exist(const frame_range *range, const camera_list *list)
 {
+    for (size_t i = 0; range->step && !list->has_frames && i < list->count; ++i)
+        if (list->cameras[i].prim) {
+            fail_run("--frames: the file has several cameras; choose one with --view, such as '%s'",
+                     list->cameras[i].prim);
+            return false;
+        }
     int low = list->cameras[0].frame, high = low;
     bool any = false;
     for (size_t i = 0; i < list->count; ++i) {

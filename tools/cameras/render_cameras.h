@@ -24,7 +24,7 @@ typedef struct camera_choice {
     bool keep_lens;     // paths keep the distortion of the first view
     bool pinhole;       // of all views: without distortion
     frame_range frames; // numbers, see first_frame
-    int first_frame;    // number of the first camera as a frame; a .chan file has its own numbers
+    int first_frame;    // number of the first camera, unless the file has frame numbers
     int width, height;  // 0 = the camera's own
     int projection;
 } camera_choice;

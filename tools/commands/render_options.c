@@ -104,8 +104,8 @@ const option render_options[RENDER_OPTIONS] = {
      .initial = "0",
      .needs = "orbit|spiral|camera|frames|save-cameras=chan|save-cameras=usda",
      .help = "frame number of the first frame: in the file names of paths and of cameras without a "
-             "name, in .chan, in .usda and for --frames; .chan and .usda inputs have their own "
-             "numbers"},
+             "name, in .chan, in .usda and for --frames; .chan files and animated OpenUSD cameras "
+             "have their own numbers"},
     {.name = "save-cameras",
      .kind = OPTION_SET,
      .offset = AT(save_cameras),
@@ -119,8 +119,8 @@ const option render_options[RENDER_OPTIONS] = {
      .offset = AT(frames),
      .argument = "A-B[:STEP]",
      .shown = "all",
-     .help = "render only the selected views with these frame numbers, which count from "
-             "--first-frame or are those of a .chan input"},
+     .help = "render only the selected views with these frame numbers: those of a .chan file or of "
+             "one OpenUSD camera, else counted from --first-frame"},
     {.name = "skip-existing",
      .kind = OPTION_FLAG,
      .offset = AT(skip_existing),

@@ -397,6 +397,11 @@ rm -r "$temporary/usd"
 usd 0 shots
 check names_of_the_shots test "$(cd "$temporary/usd" && find . -type f | LC_ALL=C sort | tr '\n' ' ')" = "./other_01001.exr ./other_01002.exr \
 ./other_01003.exr ./rig/still.exr ./shot_01001.exr ./shot_01002.exr ./shot_01003.exr ./still.exr "
+usd 1 shots --frames 1001-1002
+one_line
+reports "--frames: the file has several cameras; choose one with --view, such as 'shot'"
+usd 0 shots --view shot --frames 1003
+check a_frame_of_one_of_them test -s "$temporary/usd/shot_01003.exr"
 for view in other:other_01001.exr,other_01002.exr,other_01003.exr shot_01002:shot_01002.exr still:still.exr; do
     rm -r "$temporary/usd"
     usd 0 shots --view "${view%:*}" --save-cameras chan

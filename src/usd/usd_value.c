@@ -80,6 +80,16 @@ static size_t sort_samples(sgsi_usd_sample *samples, size_t count)
     return kept;
 }
 
+// In names, ':' is a letter of the word; "1:50" is not one.
+static bool accept_colon(sgsi_usd_text *text)
+{
+    sgsi_usd_skip_space(text);
+    if (text->at >= text->end || *text->at != ':')
+        return false;
+    ++text->at;
+    return true;
+}
+
 // "{ TIME: NUMBERS, TIME: None, ... }". *valid: it is.
 static bool read_samples(sgsi_usd_text *text, sample_list *list, bool *valid)
 {
@@ -89,7 +99,7 @@ static bool read_samples(sgsi_usd_text *text, sample_list *list, bool *valid)
         int count = 0;
         if (sgsi_usd_accept(text, ","))
             continue;
-        *valid = sgsi_usd_number(text, &time) && isfinite(time) && sgsi_usd_accept(text, ":");
+        *valid = sgsi_usd_number(text, &time) && isfinite(time) && accept_colon(text);
         if (*valid && !sgsi_usd_accept(text, "None"))
             *valid = (count = sgsi_usd_numbers(text, numbers)) > 0;
         if (*valid && !add_sample(list, time, numbers, count))

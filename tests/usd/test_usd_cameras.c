@@ -268,6 +268,12 @@ static const struct {
      1,
      1,
      {{0}, ABOUT_Z(0, 1)}},
+    {RANGE(0, 2) CAMERA(SAMPLES("float xformOp:rotateZ", "0:0,2:180") ORDER("\"xformOp:rotateZ\"")),
+     3,
+     1,
+     1,
+     1,
+     {{0}, ABOUT_Z(0, 1)}},
     {RANGE(0, 3)
          CAMERA(SAMPLES("quatf xformOp:orient", "0: (1, 0, 0, 0), 3: (0.7071067811865476, 0, 0, "
                                                 "0.7071067811865476)") ORDER("\"xformOp:orient\"")),
@@ -454,6 +460,8 @@ static void the_film_is_the_lens(void **state)
         {"", 50 / 15.2908 * 48, 50 / 15.2908 * 48, 32, 24,
          "the film of camera 'C' has the aspect ratio 1.37, the images 1.333: the vertical field "
          "of view is kept; images of 66x48 pixels show exactly the film"},
+        {FILM SAMPLES("float focalLength", "0:40,2 :60"), 100, 100, 32, 24, ""}, // without spaces
+        {FILM SAMPLES("float focalLength", "0:None"), 50 / 32.0 * 64, 50 / 24.0 * 48, 32, 24, ""},
         {FILM SAMPLES("float focalLength", "0: None"), 50 / 32.0 * 64, 50 / 24.0 * 48, 32, 24, ""},
         {FILM "float horizontalAperture = 36\nfloat horizontalApertureOffset = 4\n", 80, 80, 24, 24,
          "the aspect ratio 1.5, the images 1.333"},

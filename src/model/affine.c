@@ -13,8 +13,8 @@
 
 #include "sparegs/camera.h"
 
-// Beyond it, a scale is 0 or infinite in float.
-static const double MOST_LOG_SCALE = 300.0;
+// A lower limit, for scales of 0: without length, axes have no direction. exp(-104) is 0 in float.
+static const double MIN_LOG_SCALE = -104.0;
 
 static double dot_columns(const double a[3][3], int i, int j)
 {
@@ -139,7 +139,9 @@ static void read_axes(const float rotation[4], const float log_scales[3], double
         q[k] = norm == 0.0 ? (double)(k == 0) : (double)rotation[k] / norm;
     sgsi_rotation_matrix(q, axes);
     for (int k = 0; k < 3; ++k) {
-        const double scale = exp(fmax((double)log_scales[k], -MOST_LOG_SCALE));
+        const double given = (double)log_scales[k];
+        // Not fmax, which would make a valid scale of NaN.
+        const double scale = exp(given < MIN_LOG_SCALE ? MIN_LOG_SCALE : given);
         for (int i = 0; i < 3; ++i)
             axes[i][k] *= scale;
     }

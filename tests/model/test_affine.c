@@ -105,6 +105,27 @@ static void flat_gaussians_keep_their_least_scale(void **state)
         }
 }
 
+// What readers drop as invalid stays invalid; a scale of 0 is valid.
+static void invalid_scales_stay_invalid(void **state)
+{
+    (void)state;
+    static const double moved[3] = {0, 0, 0};
+    static const float invalid[] = {NAN, INFINITY};
+    for (int n = 0; n < MATRICES; ++n)
+        for (int k = 0; k < 9; ++k) {
+            float params[SGS_PARAM_COUNT];
+            bool finite = true;
+            sgsi_affine affine;
+            assert_true(sgsi_affine_make(matrices[n], moved, &affine));
+            make_row(params, 1);
+            params[SGS_PARAM_SCALE + k % 3] = k < 6 ? invalid[k / 3] : -INFINITY;
+            sgsi_affine_apply(&affine, params);
+            for (int j = 0; j < 3; ++j)
+                finite = finite && isfinite(params[SGS_PARAM_SCALE + j]);
+            assert_true(finite == (k >= 6));
+        }
+}
+
 static void similarities_have_no_deformation(void **state)
 {
     (void)state;
@@ -127,6 +148,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_covariance_is_transformed),
         cmocka_unit_test(flat_gaussians_keep_their_least_scale),
+        cmocka_unit_test(invalid_scales_stay_invalid),
         cmocka_unit_test(similarities_have_no_deformation),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -172,21 +172,48 @@ static void write_axes(const double b[3][3], float rotation[4], float log_scales
         rotation[k] = (float)quaternion[k];
 }
 
+// B = A R diag(s)
+static void transform_axes(const sgsi_affine *a, const float *old, double b[3][3])
+{
+    double axes[3][3];
+    read_axes(old + SGS_PARAM_ROTATION, old + SGS_PARAM_SCALE, axes);
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            b[i][j] = a->matrix[i][0] * axes[0][j] + a->matrix[i][1] * axes[1][j] +
+                      a->matrix[i][2] * axes[2][j];
+}
+
 // Mean, rotation and scales; `old` holds those before the transform.
 static void deform(const sgsi_affine *a, const float *old, float params[SGS_PARAM_COUNT])
 {
-    double axes[3][3], b[3][3];
+    double b[3][3];
     const float *mean = old + SGS_PARAM_MEAN;
-    read_axes(old + SGS_PARAM_ROTATION, old + SGS_PARAM_SCALE, axes);
     for (int i = 0; i < 3; ++i) {
         const double *row = a->matrix[i];
         params[SGS_PARAM_MEAN + i] = (float)(row[0] * (double)mean[0] + row[1] * (double)mean[1] +
                                              row[2] * (double)mean[2] + a->translation[i]);
-        for (int j = 0; j < 3; ++j)
-            b[i][j] = row[0] * axes[0][j] + row[1] * axes[1][j] + row[2] * axes[2][j];
     }
+    transform_axes(a, old, b);
     orthogonalize(b, NULL);
     write_axes((const double(*)[3])b, params + SGS_PARAM_ROTATION, params + SGS_PARAM_SCALE);
+}
+
+static bool is_unrotated(const float q[4])
+{
+    return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
+}
+
+// Readers drop zero quaternions, or replace them by the identity after the transform. For the
+// latter, the scales are the standard deviations along the axes of the world.
+static void keep_unrotated(const sgsi_affine *a, const float *old, float params[SGS_PARAM_COUNT])
+{
+    double b[3][3];
+    transform_axes(a, old, b);
+    for (int k = 0; k < 4; ++k)
+        params[SGS_PARAM_ROTATION + k] = 0.0f;
+    for (int i = 0; i < 3; ++i)
+        params[SGS_PARAM_SCALE + i] =
+            (float)(0.5 * log(b[i][0] * b[i][0] + b[i][1] * b[i][1] + b[i][2] * b[i][2]));
 }
 
 void sgsi_affine_apply(const sgsi_affine *affine, float params[SGS_PARAM_COUNT])
@@ -198,4 +225,6 @@ void sgsi_affine_apply(const sgsi_affine *affine, float params[SGS_PARAM_COUNT])
     sgsi_similarity_apply(&affine->similarity, params);
     if (affine->deforms)
         deform(affine, old, params);
+    if (is_unrotated(old + SGS_PARAM_ROTATION) && (affine->deforms || affine->similarity.rotates))
+        keep_unrotated(affine, old, params);
 }

@@ -21,4 +21,5 @@ typedef struct sgsi_affine {
 bool sgsi_affine_make(const double matrix[3][3], const double translation[3], sgsi_affine *affine);
 // SH are rotated by the orthogonal factor of the polar decomposition of A: for A = R S, a scale and
 // then a rotation, by R, as KHR_gaussian_splatting prescribes. Without deformation, that is exact.
+// A zero quaternion stays zero, and the scales become the standard deviations along the axes.
 void sgsi_affine_apply(const sgsi_affine *affine, float params[SGS_PARAM_COUNT]);

@@ -277,13 +277,17 @@ static void glb_is_read_with_deformed_gaussians(void **state)
     temp_folder_remove(&folder);
 }
 
-// Of two Gaussians, the one with the scales (-1, 1, 1) is dropped, with any transform of its node.
-static void glb_drops_negative_scales_of_any_node(void **state)
+// Of two Gaussians, the one with the scales (-1, 1, 1) is dropped, with any transform of its node;
+// likewise, if it is asked for, the one with rotation 0 0 0 0.
+static void glb_drops_invalid_gaussians_of_any_node(void **state)
 {
     (void)state;
-    static const char *const nodes[] = {"", ",\"scale\":[1,2,1]", ",\"scale\":[-1,1,1]"};
+    enum { NODES = 4 };
+    static const char *const nodes[NODES] = {"", ",\"scale\":[1,2,1]", ",\"scale\":[-1,1,1]",
+                                             ",\"rotation\":[0,0,0.6,0.8]"};
     const temp_folder folder = temp_folder_make();
-    for (size_t n = 0; n < sizeof nodes / sizeof *nodes; ++n) {
+    for (int n = 0; n < 2 * NODES; ++n) {
+        const bool unrotated = n >= NODES;
         bytes text = {.size = 0}, bin = {.size = 0}, file = {.size = 0};
         put_text(&text,
                  "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
@@ -293,7 +297,7 @@ static void glb_drops_negative_scales_of_any_node(void **state)
                  ":SH_DEGREE_0_COEF_0\":0}}]}],"
                  "\"buffers\":[{\"byteLength\":64}],\"bufferViews\":[{\"buffer\":0,"
                  "\"byteLength\":64}],\"accessors\":[",
-                 nodes[n]);
+                 nodes[n % NODES]);
         for (int k = 0; k < 3; ++k)
             put_text(&text,
                      "%s{\"bufferView\":0,\"byteOffset\":%d,\"componentType\":5126,\"count\":2,"
@@ -302,12 +306,18 @@ static void glb_drops_negative_scales_of_any_node(void **state)
                      (const char *[]){"VEC3", "VEC4", "SCALAR"}[k]);
         put_text(&text, "]}");
         put_u8(&text, 0);
-        static const float values[16] = {-1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.5f, 0.5f};
+        const float values[16] = {unrotated ? 1 : -1, 1, 1, 1, 1, 1,    0,   0, 0, // scales, x y z
+                                  unrotated ? 0 : 1,  0, 0, 0, 1, 0.5f, 0.5f};
         for (int k = 0; k < 16; ++k)
             put_float(&bin, values[k]);
         put_glb(&file, (const char *)text.data, &bin);
-        sgs_gaussians *model = read_bytes(&folder, "a.glb", &file, NULL);
-        assert_int_equal(model->count, 1);
+        file_put(temp_path(&folder, "a.glb"), file.data, file.size);
+        sgs_model_read_options options = sgs_model_read_options_default();
+        sgs_gaussians *model;
+        options.drop_zero_quaternions = unrotated;
+        assert_int_equal(sgs_model_read(temp_path(&folder, "a.glb"), &options, &model, NULL), 0);
+        if (model->count != 1)
+            fail_msg("%zu Gaussians, case %d", model->count, n);
         expect(model, 0, SGS_PARAM_SCALE, 0);
         sgs_gaussians_destroy(model);
     }
@@ -608,7 +618,7 @@ int main(void)
         cmocka_unit_test(glb_is_read_with_the_transforms_of_its_nodes),
         cmocka_unit_test(glb_is_read_with_deformed_gaussians),
         cmocka_unit_test(glb_is_read_beside_nodes_of_other_kinds),
-        cmocka_unit_test(glb_drops_negative_scales_of_any_node),
+        cmocka_unit_test(glb_drops_invalid_gaussians_of_any_node),
         cmocka_unit_test(compressed_glb_is_refused),
         cmocka_unit_test(sog_is_read),
         cmocka_unit_test(sog_marks_of_antialiasing_are_read_and_written),

@@ -126,6 +126,38 @@ static void invalid_scales_stay_invalid(void **state)
         }
 }
 
+// The scales 1, 2 and 0.5 of rotation 0 0 0 0 fit the identity that may replace it.
+static void zero_quaternions_stay_zero(void **state)
+{
+    (void)state;
+    static const double moved[3] = {10, 20, 30};
+    static const struct {
+        double matrix[3][3], scales[3];
+    } cases[] = {{{{1, 0, 0}, {0, 2, 0}, {0, 0, 3}}, {1, 4, 1.5}},
+                 {{{1, 0, 0}, {0, -2, 0}, {0, 0, 3}}, {1, 4, 1.5}},
+                 {{{3, 0, 0}, {0, 3, 0}, {0, 0, 3}}, {3, 6, 1.5}},
+                 {{{1, 0, 0}, {0, 0, 1}, {0, -1, 0}}, {1, 0.5, 2}}, // z up
+                 {{{0, -2, 0}, {3, 0, 0}, {0, 0, 1}}, {4, 3, 0.5}},
+                 {{{0.6, -0.8, 0}, {0.8, 0.6, 0}, {0, 0, 1}},
+                  {1.7088007490635062, 1.4422205101855958, 0.5}}};
+    for (size_t n = 0; n < sizeof cases / sizeof *cases; ++n) {
+        float params[SGS_PARAM_COUNT];
+        sgsi_affine affine;
+        assert_true(sgsi_affine_make(cases[n].matrix, moved, &affine));
+        make_row(params, 1);
+        for (int k = 0; k < 4; ++k)
+            params[SGS_PARAM_ROTATION + k] = 0;
+        sgsi_affine_apply(&affine, params);
+        for (int k = 0; k < 4; ++k)
+            assert_true(params[SGS_PARAM_ROTATION + k] == 0);
+        for (int k = 0; k < 3; ++k) {
+            const double scale = exp((double)params[SGS_PARAM_SCALE + k]);
+            if (!(fabs(scale - cases[n].scales[k]) <= 1e-6 * scale))
+                fail_msg("case %zu: scale %d is %g, not %g", n, k, scale, cases[n].scales[k]);
+        }
+    }
+}
+
 static void similarities_have_no_deformation(void **state)
 {
     (void)state;
@@ -149,6 +181,7 @@ int main(void)
         cmocka_unit_test(the_covariance_is_transformed),
         cmocka_unit_test(flat_gaussians_keep_their_least_scale),
         cmocka_unit_test(invalid_scales_stay_invalid),
+        cmocka_unit_test(zero_quaternions_stay_zero),
         cmocka_unit_test(similarities_have_no_deformation),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -93,7 +93,7 @@ bool sgsi_affine_make(const double matrix[3][3], const double translation[3], sg
     static const double none[3];
     const double volume = determinant(matrix), sign = volume < 0.0 ? -1.0 : 1.0,
                  scale = cbrt(fabs(volume)), square = scale * scale;
-    double quaternion[4];
+    double turned[3][3], rotation[3][3], quaternion[4];
     sgs_pose pose = {0};
     bool valid = isfinite(square) && square > 0.0;
     for (int k = 0; k < 3; ++k)
@@ -103,15 +103,10 @@ bool sgsi_affine_make(const double matrix[3][3], const double translation[3], sg
     memcpy(affine->translation, translation, sizeof affine->translation);
     affine->deforms = valid && !is_similarity(matrix, square);
     for (int k = 0; k < 9; ++k)
-        pose.rotation[k] = sign * matrix[k / 3][k % 3] / (affine->deforms ? 1.0 : scale);
-    if (affine->deforms) {
-        double turned[3][3], rotation[3][3];
-        memcpy(turned, pose.rotation, sizeof turned);
-        valid = polar_rotation((const double(*)[3])turned, rotation);
-        memcpy(pose.rotation, rotation, sizeof pose.rotation);
-    }
-    if (!valid)
+        turned[k / 3][k % 3] = sign * matrix[k / 3][k % 3];
+    if (!valid || !polar_rotation((const double(*)[3])turned, rotation))
         return false;
+    memcpy(pose.rotation, rotation, sizeof pose.rotation);
     sgs_pose_quaternion(&pose, quaternion);
     affine->similarity = affine->deforms ? sgsi_similarity_make(1.0, quaternion, none)
                                          : sgsi_similarity_make(scale, quaternion, translation);

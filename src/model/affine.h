@@ -13,7 +13,7 @@ typedef struct sgsi_affine {
     double matrix[3][3], translation[3];
     bool mirrored; // the points change their signs before the rest of the transform
     bool deforms;  // no similarity, even with the mirror
-    // The transform after the mirror; if it deforms, its rotation alone.
+    // The transform after the mirror, with the nearest rotation; if it deforms, the rotation alone.
     sgsi_similarity similarity;
 } sgsi_affine;
 

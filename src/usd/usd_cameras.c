@@ -302,36 +302,45 @@ static sgs_status evaluate_world(const evaluation *work, const camera_prim *prim
     return SGS_STATUS_OK;
 }
 
+static bool is_finite(const double matrix[4][4])
+{
+    bool finite = true;
+    for (int k = 0; k < 16; ++k)
+        finite = finite && isfinite(matrix[k / 4][k % 4]);
+    return finite;
+}
+
 // Axes and centre change their y and z, as those of models do; the camera's own y and z, too.
 static sgs_status evaluate_pose(const evaluation *work, const camera_prim *prim, double time,
                                 sgs_pose *pose)
 {
-    enum { STEPS = 4 }; // of sgs_pose_orthonormalize, for rows that are nearly parallel
     static const double sign[3] = {1.0, -1.0, -1.0};
-    double world[4][4], rotation[9], scale;
-    bool between, mirrored, sheared;
+    double world[4][4];
+    sgsi_affine affine;
+    bool between;
     const sgs_status status = evaluate_world(work, prim, time, world, &between);
     if (status)
         return status;
-    if (!sgsi_usd_decompose((const double(*)[4])world, rotation, &scale, &mirrored, &sheared))
+    if (!sgsi_usd_affine((const double(*)[4])world, &affine))
         return fail_view(work, SGS_STATUS_FORMAT, prim, time,
-                         "its transform is not finite, or has a scale of 0");
-    if (mirrored)
+                         between && is_finite((const double(*)[4])world)
+                             ? "its matrix interpolated between two time samples is singular; add "
+                               "samples"
+                             : "its transform is not finite, or has a scale of 0");
+    if (affine.mirrored)
         return fail_view(work, SGS_STATUS_UNSUPPORTED, prim, time,
                          "its transform mirrors it; remove the negative scale");
-    if (sheared && !between)
+    if (affine.deforms && !between)
         return fail_view(work, SGS_STATUS_UNSUPPORTED, prim, time,
                          "its transform has a shear or a scale that is not uniform; export it "
                          "without");
     for (int i = 0; i < 3; ++i) {
         pose->translation[i] = 0.0;
         for (int j = 0; j < 3; ++j) {
-            pose->rotation[3 * i + j] = sign[i] * sign[j] * rotation[3 * j + i];
+            pose->rotation[3 * i + j] = sign[i] * sign[j] * affine.similarity.rotation[j][i];
             pose->translation[i] -= pose->rotation[3 * i + j] * sign[j] * world[3][j];
         }
     }
-    for (int k = 0; k < STEPS; ++k)
-        sgs_pose_orthonormalize(pose);
     return sgs_pose_validate(pose)
                ? fail_view(work, SGS_STATUS_FORMAT, prim, time, sgs_last_error())
                : SGS_STATUS_OK;

@@ -104,31 +104,6 @@ void sgsi_usd_turn_y_up(double matrix[4][4])
     sgsi_usd_multiply(matrix, from_z_up);
 }
 
-bool sgsi_usd_decompose(const double matrix[4][4], double rotation[9], double *scale,
-                        bool *mirrored, bool *sheared)
-{
-    const double volume =
-        matrix[0][0] * (matrix[1][1] * matrix[2][2] - matrix[1][2] * matrix[2][1]) -
-        matrix[0][1] * (matrix[1][0] * matrix[2][2] - matrix[1][2] * matrix[2][0]) +
-        matrix[0][2] * (matrix[1][0] * matrix[2][1] - matrix[1][1] * matrix[2][0]);
-    const double size = cbrt(fabs(volume)), square = size * size;
-    bool valid = isfinite(square) && square > 0.0 && fabs(matrix[3][3] - 1.0) < 1e-6,
-         orthogonal = true;
-    *mirrored = volume < 0.0;
-    *scale = size;
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-            const double product = matrix[i][0] * matrix[j][0] + matrix[i][1] * matrix[j][1] +
-                                   matrix[i][2] * matrix[j][2];
-            orthogonal = orthogonal && fabs(product - (i == j ? square : 0.0)) < 2e-3 * square;
-            rotation[3 * j + i] = matrix[i][j] / (volume < 0.0 ? -size : size);
-        }
-    for (int k = 0; k < 3; ++k)
-        valid = valid && isfinite(matrix[3][k]) && fabs(matrix[k][3]) < 1e-6;
-    *sheared = !orthogonal;
-    return valid;
-}
-
 bool sgsi_usd_affine(const double matrix[4][4], sgsi_affine *affine)
 {
     double columns[3][3];

@@ -3,7 +3,7 @@
 #pragma once
 
 // Transforms of OpenUSD prims: the xformOps that xformOpOrder lists, also at a time code, and the
-// factors of the product of such transforms. Matrices act on row vectors, as in OpenUSD: p M.
+// product of such transforms. Matrices act on row vectors, as in OpenUSD: p M.
 
 #include "model/affine.h"
 #include "usd/usd_value.h"
@@ -57,10 +57,5 @@ void sgsi_usd_multiply(double left[4][4], const double right[4][4]);
 // From a world with z up to one with y up.
 void sgsi_usd_turn_y_up(double matrix[4][4]);
 
-// Rotation (row-major, acting on column vectors) and scale > 0 of a matrix; mirrored: the points
-// change their signs first. False if the matrix is singular, not finite or projective. Returns the
-// nearest factors of a matrix that is no similarity; *sheared is then true.
-bool sgsi_usd_decompose(const double matrix[4][4], double rotation[9], double *scale,
-                        bool *mirrored, bool *sheared);
 // False if the matrix is singular, projective or not finite.
 bool sgsi_usd_affine(const double matrix[4][4], sgsi_affine *affine);

@@ -136,6 +136,11 @@ static const struct {
      "double3 xformOp:translate = (0, 0, 5)\n" ORDER(
          "\"!resetXformStack!\", \"xformOp:translate\""),
      {{0, 0, 5}, X, Y, Z}},
+    // rounded: the nearest rotation
+    {"",
+     "matrix4d xformOp:transform = ((0, 1.0005, 0, 0), (-1, 0, 0, 0), (0, 0, 1, 0), (5, 6, 7, "
+     "1))\n" ORDER("\"xformOp:transform\""),
+     {{5, 6, 7}, Y, MINUS_X, Z}},
     // two scales whose product is uniform
     {"float3 xformOp:scale = (1, 2, 4)\n" ORDER("\"xformOp:scale\""),
      "float3 xformOp:scale = (4, 2, 1)\n" ORDER("\"xformOp:scale\""),
@@ -555,6 +560,13 @@ static void refused(const char *path, sgs_status expected, const char *message)
     bad_input();
 }
 
+// A matrix whose scales along x and y change from 1 to these.
+#define SCALED(x, y)                                                                               \
+    SAMPLES("matrix4d xformOp:transform",                                                          \
+            "0: ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)), 2: ((" x                 \
+            ", 0, 0, 0), (0, " y ", 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))")                           \
+    ORDER("\"xformOp:transform\"")
+
 static void others_are_refused(void **state)
 {
     (void)state;
@@ -614,6 +626,12 @@ static void others_are_refused(void **state)
          "its transform is not finite, or has a scale of 0", SGS_STATUS_FORMAT},
         {"#usda 1.0\n" CAMERA("float3 xformOp:scale = (0, 0, 0)\n" ORDER("\"xformOp:scale\"")),
          "its transform is not finite, or has a scale of 0", SGS_STATUS_FORMAT},
+        {RANGE(0, 2) CAMERA(SCALED("-1", "-1")),
+         "camera 'C', time code 1: its matrix interpolated between two "
+         "time samples is singular; add samples",
+         SGS_STATUS_FORMAT},
+        {RANGE(0, 2) CAMERA(SCALED("inf", "1")), "code 1: its transform is not finite, or has",
+         SGS_STATUS_FORMAT},
         {"#usda 1.0\n" CAMERA("double3 xformOp:translate = (1e16, 0, 0)\n" TRANSLATE),
          "camera position is out of range", SGS_STATUS_FORMAT},
         {"#usda 1.0\n" CAMERA("float3 xformOp:scale = (1, 1, -1)\n" ORDER("\"xformOp:scale\"")),

@@ -53,9 +53,10 @@ typedef struct sgs_usd_cameras {
 // attribute sparegs:pixelAspectRatio in place of 1. The aperture offsets move the principal point.
 //
 // Fails with INVALID_ARGUMENT (size), IO, FORMAT (also for values that are out of range),
-// UNSUPPORTED (binary files, variants, splines, orthographic cameras only, shears and mirrors),
-// LIMIT (frame numbers beyond -1000000 to 1000000, more than 100000 cameras or views) or
-// OUT_OF_MEMORY; the error names the file and the camera. On failure *cameras is NULL.
+// UNSUPPORTED (binary files, variants, splines, orthographic cameras only, shears, mirrors and
+// scales that are not uniform), LIMIT (frame numbers beyond -1000000 to 1000000, more than 100000
+// cameras or views) or OUT_OF_MEMORY; the error names the file and the camera. On failure *cameras
+// is NULL.
 SGS_API sgs_status sgs_usd_cameras_read(const char *path, int width, int height,
                                         sgs_usd_cameras **cameras);
 

@@ -297,10 +297,11 @@ static sgs_status visit_mesh(glb_file *file, const json_t *mesh, const glb_trans
         made = made ||
                (transform && sgsi_affine_make(transform->matrix, transform->translation, &affine));
         if (!made)
-            return sgsi_fail(SGS_STATUS_UNSUPPORTED,
-                             "%s: the transform of a node with Gaussians is singular or has "
-                             "invalid values",
-                             file->path);
+            return sgsi_fail(
+                SGS_STATUS_UNSUPPORTED,
+                "%s: the transform of a node with Gaussians is singular, projective or "
+                "has invalid values",
+                file->path);
         glb_primitive opened;
         const sgs_status status = open_primitive(file, primitive, &opened);
         if (status)
@@ -335,16 +336,19 @@ static bool read_numbers(const json_t *list, size_t count, double *values)
     return !list || json_array_size(list) == count;
 }
 
-// The transform of a node within its parent; false if it has values of other types.
+// The transform of a node within its parent; false if it is projective or has values of other
+// types.
 static bool read_transform(const json_t *node, glb_transform *own)
 {
     double matrix[16] = {0}, scales[3] = {1, 1, 1}, rotation[4] = {0, 0, 0, 1}, norm = 0.0, unit[4];
     *own = (glb_transform){0};
     const json_t *given = json_object_get(node, "matrix");
-    const bool valid = read_numbers(given, 16, matrix) &&
-                       read_numbers(json_object_get(node, "scale"), 3, scales) &&
-                       read_numbers(json_object_get(node, "rotation"), 4, rotation) &&
-                       read_numbers(json_object_get(node, "translation"), 3, own->translation);
+    bool valid = read_numbers(given, 16, matrix) &&
+                 read_numbers(json_object_get(node, "scale"), 3, scales) &&
+                 read_numbers(json_object_get(node, "rotation"), 4, rotation) &&
+                 read_numbers(json_object_get(node, "translation"), 3, own->translation);
+    for (int k = 0; given && k < 4; ++k) // the last row
+        valid = valid && fabs(matrix[4 * k + 3] - (k == 3)) < 1e-6;
     for (int k = 0; k < 4; ++k)
         norm += rotation[k] * rotation[k];
     norm = sqrt(norm);

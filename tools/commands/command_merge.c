@@ -25,6 +25,8 @@
 #include "run/exposure_file.h"
 #include "run/run_folder.h"
 #include "run/run_record.h"
+#include "sparegs/model_file.h"
+#include "sparegs/run.h"
 
 static const char description[] =
     "Joins the blocks that were trained in DIR (block_0, block_1, ... of the plan DIR/blocks.json) "
@@ -205,6 +207,19 @@ static bool refers_to_start(const merging *m)
     return m->values->seam_images && !m->values->reference;
 }
 
+// Whether model_locate finds a model there, not only the name or the folder of a deleted one.
+static bool is_present(const char *place)
+{
+    if (!place || !file_exists(place) || !model_is(place))
+        return false;
+    sgs_model_format format;
+    char path[4096], *clouds = format_text("%s/point_cloud", place);
+    const bool present = !file_exists(clouds) || sgs_model_format_detect(place, &format) ||
+                         !sgs_run_model_path(place, path, sizeof path, NULL);
+    free(clouds);
+    return present;
+}
+
 // Locates the model that the blocks started from, where it was, or, if DIR was moved, in
 // DIR/coarse; reads it if the seams are compared with it. False after printing the error.
 static bool find_start(merging *m)
@@ -214,7 +229,7 @@ static bool find_start(merging *m)
     const char *const places[] = {was, coarse};
     bool done = true;
     for (int k = 0; k < 2 && done && !m->start.ply_path; ++k) {
-        if (!places[k] || !model_is(places[k]))
+        if (!is_present(places[k]))
             continue;
         done = model_locate(places[k], &m->start) &&
                (!refers_to_start(m) || read_reference(m, &m->start));

@@ -285,6 +285,25 @@ done
 json "$temporary/stdout" '.seams.reference_psnr_seam > 5'
 rm -r "${start%/*}"
 cp "$temporary/config.json" "$dir/coarse/config.json"
+# a_deleted_start_is_looked_for_in_the_folder_of_blocks, then is a warning: a file, a folder without models
+cp "$dir/block_0/config.json" "$temporary/block_0.json"
+mkdir -p "$temporary/emptied/point_cloud"
+for start in "$temporary/deleted.ply" "$temporary/emptied"; do
+    sed -E "s|(\"init\": \")[^\"]*|\1$start|" "$temporary/block_0.json" >"$dir/block_0/config.json"
+    json "$dir/block_0/config.json" ".options.init == \"$start\""
+    run 0 merge "$dir" -o "$temporary/deleted" --seam-images 0 --overwrite
+    check no_warning test "$(grep -c warning "$temporary/stderr")" = 0
+    run 0 merge "$dir" "$room" -o "$temporary/deleted" --seam-images 2 --overwrite --json
+    json "$temporary/stdout" '.seams.reference_psnr_seam > 5'
+    mv "$dir/coarse" "$temporary/gone"
+    run 0 merge "$dir" -o "$temporary/deleted" --seam-images 0 --overwrite
+    run 0 merge "$dir" "$room" -o "$temporary/deleted" --seam-images 2 --overwrite --json
+    reports "$start: the model that the blocks started from is missing or was retrained"
+    one_line
+    json "$temporary/stdout" '.seams.reference_psnr_seam == null'
+    mv "$temporary/gone" "$dir/coarse"
+done
+cp "$temporary/block_0.json" "$dir/block_0/config.json"
 # a_reference_has_its_own_colour_maps
 run 0 split "$room" -o "$temporary/exposed" --blocks 2
 for script in coarse blocks; do

@@ -120,7 +120,8 @@ SGS_API sgs_status sgs_pose_from_quaternion(const double qvec[4], const double t
 
 // Pose from the camera-to-world rotation (row-major: its columns are the camera axes in the world)
 // and the camera centre, as in cameras.json and most 3D programs. Exactly orthonormal, as by
-// sgs_pose_orthonormalize. Fails with INVALID_ARGUMENT as sgs_pose_validate.
+// sgs_pose_orthonormalize. Fails with INVALID_ARGUMENT as sgs_pose_validate; *pose is then
+// undefined.
 SGS_API sgs_status sgs_pose_from_axes(const double axes[9], const double center[3], sgs_pose *pose);
 
 // Quaternion (w,x,y,z), unit, w >= 0, of a pose's rotation. Cannot fail.

@@ -281,7 +281,7 @@ SGS_API void sgs_scene_find_recorded(const sgs_scene *scene, const char *const *
                                      ptrdiff_t *views);
 
 typedef struct sgs_named_camera {
-    const char *name; // NULL if the file has none
+    const char *name; // required for writing; NULL after reading a file without names
     sgs_camera camera;
     sgs_pose pose;
     int orientation; // Exif, of the image file, 1 to 8; 0: unknown
@@ -299,9 +299,10 @@ SGS_API sgs_status sgs_scene_write_cameras_json(const sgs_scene *scene, const ch
 
 // Reads a cameras.json of any 3DGS program: a list of cameras, or one. Without cx and cy, the
 // principal point is the image centre; without camera_model and params, the lens is a pinhole; cx
-// and cy count if they differ from params. Release *cameras [*count] with sgs_cameras_free; it owns
-// the names. Fails with IO, FORMAT (the message names the camera by its index from 0) or
-// OUT_OF_MEMORY; *cameras is then NULL.
+// and cy replace those of params. Rotations must be orthonormal to 1e-3; poses are made exact, as
+// by sgs_pose_orthonormalize. A byte order mark is skipped. An empty list succeeds with *count 0.
+// Release *cameras [*count] with sgs_cameras_free; it owns the names. Fails with IO, FORMAT (the
+// message names the camera by its index from 0) or OUT_OF_MEMORY; *cameras is then NULL.
 SGS_API sgs_status sgs_cameras_read_json(const char *path, sgs_named_camera **cameras,
                                          size_t *count);
 // The same of `size` bytes of text. path: begins the error message; nothing is read from it.

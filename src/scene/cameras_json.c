@@ -260,7 +260,8 @@ sgs_status sgs_cameras_parse_json(const char *text, size_t size, const char *pat
     *cameras = NULL;
     *count = 0;
     json_error_t error;
-    json_t *root = json_loadb(text, size, JSON_REJECT_DUPLICATES, &error);
+    const size_t mark = size >= 3 ? sgsi_byte_order_mark((const uint8_t *)text) : 0;
+    json_t *root = json_loadb(text + mark, size - mark, JSON_REJECT_DUPLICATES, &error);
     if (!root)
         return sgsi_fail(SGS_STATUS_FORMAT, "%s: line %d: %s", path, error.line, error.text);
     const sgs_status status = read_cameras(root, path, cameras, count);

@@ -239,6 +239,31 @@ static void cameras_of_3dgs_are_pinholes(void **state)
     sgs_cameras_free(cameras);
 }
 
+// Programs on Windows begin UTF-8 files with it.
+static void a_byte_order_mark_is_skipped(void **state)
+{
+    (void)state;
+    const temp_folder folder = temp_folder_make();
+    const char *path = temp_path(&folder, "cameras.json");
+    char text[1024];
+    const size_t size = (size_t)snprintf(text, sizeof text, "\xef\xbb\xbf%s", original);
+    sgs_named_camera *cameras;
+    size_t count;
+    assert_int_equal(parse(text, &cameras, &count), SGS_STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_string_equal(cameras->name, "0001");
+    sgs_cameras_free(cameras);
+    file_put(path, text, size);
+    assert_int_equal(sgs_cameras_read_json(path, &cameras, &count), SGS_STATUS_OK);
+    assert_int_equal(count, 1);
+    sgs_cameras_free(cameras);
+    static const char beginning[2] = {'\xef', '\xbb'}; // without NUL
+    assert_int_equal(sgs_cameras_parse_json(beginning, 2, "x.json", &cameras, &count),
+                     SGS_STATUS_FORMAT);
+    assert_int_equal(parse("\xef\xbb\xbf", &cameras, &count), SGS_STATUS_FORMAT);
+    temp_folder_remove(&folder);
+}
+
 static void invalid_files_are_refused(void **state)
 {
     (void)state;
@@ -286,6 +311,7 @@ int main(void)
         cmocka_unit_test(invalid_cameras_are_named_with_the_reason),
         cmocka_unit_test(the_reader_inverts_the_writer),
         cmocka_unit_test(cameras_of_3dgs_are_pinholes),
+        cmocka_unit_test(a_byte_order_mark_is_skipped),
         cmocka_unit_test(invalid_files_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -115,9 +115,13 @@ void sgs_photo_flatten(const sgs_photo *photo, const float background[3], float 
 sgs_status sgs_image8_from_photo(const sgs_photo *photo, const float background[3], sgs_space space,
                                  sgs_image8 *out)
 {
+    *out = (sgs_image8){0};
+    if (photo->width < 1 || photo->height < 1)
+        return sgsi_fail(SGS_STATUS_INVALID_ARGUMENT,
+                         "quantising a photo of %d x %d pixels: it has no pixels", photo->width,
+                         photo->height);
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
     float *planes = sgsi_alloc(3 * pixels, sizeof *planes);
-    *out = (sgs_image8){0};
     if (!planes)
         return sgsi_fail(SGS_STATUS_OUT_OF_MEMORY,
                          "not enough memory to compare a photo of %d x %d", photo->width,

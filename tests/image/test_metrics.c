@@ -282,6 +282,21 @@ static void photos_are_compared_over_the_background(void **state)
     assert_null(image.pixels);
 }
 
+// Before anything is read: the product of two negative sizes is positive.
+static void photos_without_pixels_are_refused(void **state)
+{
+    (void)state;
+    static const int sizes[][2] = {{0, 0}, {0, 4}, {4, 0}, {-1, 4}, {4, -1}, {-2, -2}};
+    static const float black[3] = {0};
+    for (size_t k = 0; k < sizeof sizes / sizeof *sizes; ++k) {
+        const sgs_photo photo = {.width = sizes[k][0], .height = sizes[k][1], .channels = 3};
+        sgs_image8 image = {.width = 1};
+        assert_int_equal(sgs_image8_from_photo(&photo, black, SGS_SPACE_SRGB, &image),
+                         SGS_STATUS_INVALID_ARGUMENT);
+        assert_true(!image.pixels && !image.width);
+    }
+}
+
 // Invalid pixels may be black without any effect; PSNR covers valid pixels only.
 static void masked_pixels_have_no_influence(void **state)
 {
@@ -334,6 +349,7 @@ int main(void)
         cmocka_unit_test(quantisation_composites_over_the_background),
         cmocka_unit_test(compared_images_are_display_encoded),
         cmocka_unit_test(photos_are_compared_over_the_background),
+        cmocka_unit_test(photos_without_pixels_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -23,8 +23,10 @@ SGS_API sgs_status sgs_image8_from_planes(const float *const color[3], const flo
                                           const float background[3], int width, int height,
                                           sgs_image8 *out);
 
-// The 8-bit image of a render that `eval` compares: the same of colours in `space`, with linear
-// light encoded as sRGB before the quantisation.
+// The 8-bit image of a render that `eval` compares. As sgs_image8_from_planes, of colours and
+// background in `space`; linear light is encoded as sRGB before the quantisation. transmittance:
+// NULL = the colours contain the background; background: may be NULL without transmittance. Release
+// with sgs_image8_free. Fails as sgs_image8_from_planes.
 SGS_API sgs_status sgs_image8_from_render(const float *const color[3], const float *transmittance,
                                           const float background[3], sgs_space space, int width,
                                           int height, sgs_image8 *out);

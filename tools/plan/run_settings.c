@@ -161,7 +161,8 @@ static bool write_settings(const experiment_run *run, json_t *sessions)
     json_t *settings = json_copy(run->settings);
     json_object_set_new(settings, "sessions", sessions);
     char *path = format_text("%s/experiment.json", run->folder);
-    const bool written = make_folder(run->folder) && write_json(path, settings);
+    const bool written = make_folder(run->folder) && write_json(path, json_incref(settings));
+    json_decref(settings);
     free(path);
     return written;
 }

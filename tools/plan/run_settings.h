@@ -33,7 +33,8 @@ typedef struct session_start {
 // training may outlive the experiment. False after printing the error.
 bool run_settings_start(const experiment_run *run, bool continues, session_start *start);
 // After run_settings_start: removes the session again unless the training has saved iterations in
-// it; `saved`: the last iteration whose state is saved. False after printing the error.
+// it; `saved`: the iteration of the last checkpoint, even if saving it failed. False after printing
+// the error.
 bool run_settings_finish(const experiment_run *run, session_start *start, int saved);
 
 // The sessions in which the run was trained if there are several different ones, or if that of its

@@ -97,8 +97,8 @@ bool run_folder_share_checkpoint(run_folder *folder, sgs_trainer *trainer);
 bool run_folder_has_checkpoint(const run_folder *folder);
 // Removes the files of run_folder_share_checkpoint. Cannot fail: what cannot be removed stays.
 void run_folder_remove_checkpoint(const run_folder *folder);
-// Iteration of the last saved checkpoint of the run in a folder; 0 without one. The file may have
-// been removed since.
+// Iteration of the last checkpoint of the run in a folder, even if saving it failed; 0 without one.
+// The file may have been removed since.
 int run_folder_saved_iteration(const char *path);
 // Primitives in the newest checkpoint; 0 when there is none or it cannot be read.
 size_t run_folder_checkpoint_gaussians(const run_folder *folder);

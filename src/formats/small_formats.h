@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The readers and writers of model_file.c for the formats that are one source file each.
+// The readers and writers that model_file.c calls for the formats that are one source file each.
 
 #include "sparegs/model_file.h"
 

@@ -8,5 +8,5 @@
 
 // Fails with INVALID_ARGUMENT, naming the first primitive with a parameter that is not finite. An
 // infinite logit is valid: it is the opacity 1 or 0 of a file. An infinite linear opacity is not:
-// it is none of a file, and its support has no bounds. path: begins the error, or NULL.
+// no file contains it, and the primitive would have no bounds. path: begins the error, or NULL.
 sgs_status sgsi_finite_model_check(const sgs_gaussians *model, const char *path);

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The readers and writers of model_file.c for both kinds of PLY.
+// The readers and writers that model_file.c calls for both kinds of PLY.
 
 #include "sparegs/model_file.h"
 

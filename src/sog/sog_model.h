@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The readers and writers of model_file.c for SOG.
+// The readers and writers that model_file.c calls for SOG.
 
 #include "sparegs/model_file.h"
 

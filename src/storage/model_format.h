@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// One reader and one writer per format; the table in model_file.c lists them. Readers fill `info`
+// The types of the functions that the table in model_file.c lists per format. Readers fill `info`
 // except format, dropped and file_bytes, which sgsi_rows_end and the caller set.
 
 #include "sparegs/model_file.h"

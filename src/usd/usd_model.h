@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The reader and the writer of model_file.c for OpenUSD.
+// The reader and the writer that model_file.c calls for OpenUSD.
 
 #include "sparegs/model_file.h"
 

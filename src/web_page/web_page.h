@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// The writer of model_file.c for the page that shows a model.
+// The writer that model_file.c calls for the page that shows a model.
 
 #include "sparegs/model_file.h"
 

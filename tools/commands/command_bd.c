@@ -24,12 +24,10 @@ static const char description[] =
     "Compares the rate-distortion curve (size and PSNR) in TEST with that in ANCHOR: BD-rate is "
     "the mean change in size at equal PSNR, BD-PSNR the mean change in PSNR at equal size. Both "
     "files are CSV tables with a header that names the columns 'size', 'bytes' or 'MiB', and "
-    "'psnr' "
-    "(other columns are ignored), and three rows or more, in any order. 'size' has any unit, the "
-    "same in both files; MiB if the other file has 'bytes' or 'MiB'. --select chooses the rows of "
-    "one curve in a table of "
-    "several, such as post.csv of an experiment. The curves are interpolated by monotone cubics "
-    "(PCHIP) over ln(size).";
+    "'psnr' (other columns are ignored), and three rows or more, in any order. 'size' has any "
+    "unit, the same in both files; MiB if the other file has 'bytes' or 'MiB'. --select chooses "
+    "the rows of one curve in a table of several, such as post.csv of an experiment. The curves "
+    "are interpolated by monotone cubics (PCHIP) over ln(size).";
 
 enum { COLUMNS = 2, MAX_POINTS = 100000, MAX_CONDITIONS = 16 };
 

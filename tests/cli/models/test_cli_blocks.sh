@@ -299,7 +299,7 @@ for start in "$temporary/deleted.ply" "$temporary/emptied"; do
     run 0 merge "$dir" -o "$temporary/deleted" --seam-images 0 --overwrite
     run 0 merge "$dir" "$room" -o "$temporary/deleted" --seam-images 2 --overwrite --json
     reports "$start: the model that the blocks started from is missing or was retrained"
-    one_line
+    check only_one_warning test "$(grep -c warning "$temporary/stderr")" = 1 -a "$(grep -c error "$temporary/stderr")" = 0
     json "$temporary/stdout" '.seams.reference_psnr_seam == null'
     mv "$temporary/gone" "$dir/coarse"
 done
